@@ -9,6 +9,7 @@ import numpy as np
 from pcontact.mesh.digest import hashes, mesh_digest, total
 from pcontact.scene import differences, physics_so_far
 from pcontact.scene.model import OUTER
+from pcontact.scene.places import groups_named, tables
 
 # of the mesh: what a state cannot go on without
 NEEDED = "cells"
@@ -124,10 +125,4 @@ class Identity:
 
 def _regions(scene):
     """Groups that the physics of a scene is about."""
-    names = [body.region for body in scene.bodies]
-    names += [name for contact in scene.contacts for name in (contact.source, contact.target)]
-    tables = scene.displacements, scene.loads, scene.springs, scene.temperatures, scene.couplings, scene.pretensions
-    names += [one.region for table in tables for one in table]
-    names += [name for one in scene.equations for name, *_ in one.terms]
-    names += [name for one in scene.periodic for name in (one.region, one.partner)]
-    return {name for name in names if name not in (None, OUTER)}
+    return {name for _, table in tables(scene) for _, name, _ in groups_named(table) if name != OUTER}

@@ -13,7 +13,7 @@ has been set, ``control = "auto"`` one with a value, ``[mesh] kinematics = "axis
 import dataclasses
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import MISSING, dataclass
 from functools import cache
 from typing import Any, TypeVar, dataclass_transform
@@ -57,6 +57,8 @@ class Key:
         Conditions under which it is not set, and why.
     one_of, any_of : tuple of str
         Of this key and these exactly one, or at least one, is set.
+    group : str or callable
+        The key names a group: of "cells", "facets", or "any"; or what says which, of a table.
     """
 
     rule: Rule
@@ -73,6 +75,13 @@ class Key:
     unless: Mapping[str, str] = dataclasses.field(default_factory=dict)
     one_of: tuple[str, ...] = ()
     any_of: tuple[str, ...] = ()
+    group: str | Callable[[Any], str] = ""
+
+    @property
+    def per_direction(self) -> bool:
+        """Whether its values have an entry for each direction of the mesh."""
+        schema = self.rule.schema
+        return schema.get("minItems") == 2 and schema.get("maxItems") == 3 and "anyOf" not in schema
 
     @property
     def text(self) -> str:

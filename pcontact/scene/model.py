@@ -298,7 +298,7 @@ class Material:
 class Body:
     """A group of cells and the name of the material it is made of."""
 
-    region: str = key(TEXT, f"{REGION} cells")
+    region: str = key(TEXT, f"{REGION} cells", group="cells")
     material: str = key(TEXT, "name of a material")
     strain: str | None = key(
         choice("small", "finite"), "small strain, or any", default=None, otherwise="that of `[mesh]`",
@@ -440,11 +440,12 @@ class Contact:
     """
 
     source: str | None = key(
-        TEXT, f"{REGION} facets on the boundary of a body: the integrals are taken here", default=None,
+        TEXT, f"{REGION} facets on the boundary of a body: the integrals are taken here", default=None, group="facets",
         otherwise="must be said, unless `surfaces` or `all`",
     )  # fmt: skip
     target: str | None = key(
         TEXT, f"{REGION} facets: the points are projected here", default=None, otherwise="must be said, or `obstacle`",
+        group="facets",
         more="Bodies in contact do not share nodes. The same group as `source`: self contact, see below",
     )  # fmt: skip
     obstacle: Obstacle | None = field(default=None, metadata={"table": Obstacle})
@@ -624,7 +625,7 @@ CONTACT_DEFAULTS = {name: one.default for name, one in keys(Contact).items() if 
 class Displacement:
     """Prescribed displacement of a group of cells, facets, edges or vertices; with `angle` a turn as well."""
 
-    region: str = key(TEXT, f"{REGION} cells, facets, edges or vertices")
+    region: str = key(TEXT, f"{REGION} cells, facets, edges or vertices", group="any")
     value: Sequence[Value] = key(
         COMPONENTS, 'a number, `"free"`, or an expression of the place in the mesh, for each of the d directions',
         unit="length", more="see below",
@@ -657,7 +658,7 @@ class Load:
 
     region: str | None = key(
         TEXT, f"{REGION} facets (`pressure`, `traction`), of any kind (`force`, `moment`), or of cells", default=None,
-        otherwise="must be said, unless `at`",
+        otherwise="must be said, unless `at`", group=lambda load: load.kinds,
     )  # fmt: skip
     pressure: Value | None = key(
         SCALAR, "positive in compression", default=None, unit="stress", more="Exactly one must be said: of this, "
@@ -718,12 +719,18 @@ class Load:
         """Whether its resultant is given."""
         return self.force is not None or self.moment is not None
 
+    @property
+    def kinds(self) -> str:
+        """Of what its group is."""
+        on_facets = self.pressure is not None or self.traction is not None
+        return "any" if self.total else "facets" if on_facets else "cells"
+
 
 @table
 class Coupling:
     """A group that moves with a reference point, as a rigid body or on average, with small turns."""
 
-    region: str = key(TEXT, f"{REGION} facets, cells, edges or vertices, not in a line")
+    region: str = key(TEXT, f"{REGION} facets, cells, edges or vertices, not in a line", group="any")
     point: Sequence[float] | None = key(
         VECTOR, "the reference point", default=None, unit="length", otherwise="the mean place of the nodes of the group"
     )
@@ -753,7 +760,9 @@ class Coupling:
 class Pretension:
     """A section across a bolt, whose sides are drawn together by a force or by a length."""
 
-    region: str = key(TEXT, f"{REGION} facets in a plane across a body, from one side of it to the other")
+    region: str = key(
+        TEXT, f"{REGION} facets in a plane across a body, from one side of it to the other", group="facets"
+    )
     force: float | None = key(
         number(), "tension of the section",
         default=None, unit="force", more="Exactly one must be said: of this and `shortening`", one_of=("shortening",),
@@ -787,8 +796,8 @@ class Equation:
 class Periodic:
     """Two groups of nodes in pairs: those of one move as their partners do, turned with them."""
 
-    region: str = key(TEXT, f"{REGION} any kind, whose nodes follow")
-    partner: str = key(TEXT, f"{REGION} any kind: each node of `region` is where one of these comes to")
+    region: str = key(TEXT, f"{REGION} any kind, whose nodes follow", group="any")
+    partner: str = key(TEXT, f"{REGION} any kind: each node of `region` is where one of these comes to", group="any")
     translation: Sequence[float] | None = key(
         VECTOR, "from `partner` to `region`", default=None, unit="length", more="This, `angle`, or both must be said",
         any_of=("angle",),
@@ -816,7 +825,7 @@ class Temperature:
         SCALAR, "temperature, or an expression of the place in the undeformed mesh and the time", default=None,
         unit="temperature", more="Exactly one must be said: of this, and `file` with `field`", one_of=("file",),
     )  # fmt: skip
-    region: str | None = key(TEXT, f"{REGION} cells", default=None, otherwise="all cells")
+    region: str | None = key(TEXT, f"{REGION} cells", default=None, otherwise="all cells", group="cells")
     reference: float = key(number(), "temperature without thermal strain", default=0.0, unit="temperature")
     amplitude: Table | None = amplitude("factor of the difference of temperature and `reference`", True)
     file: str | Path | None = key(
@@ -834,7 +843,10 @@ class Temperature:
 class Spring:
     """Springs between a group and the ground, without force in the undeformed state."""
 
-    region: str = key(TEXT, f"{REGION} facets; with `stiffness` of any kind")
+    region: str = key(
+        TEXT, f"{REGION} facets; with `stiffness` of any kind",
+        group=lambda spring: "any" if spring.per_area is None else "facets",
+    )  # fmt: skip
     per_area: float | Sequence[float] | None = key(
         FOUNDATION, "stiffness per area of facets, along their undeformed normal or in each direction", default=None,
         unit="stress / length", more="Exactly one of the two must be said", one_of=("stiffness",),

@@ -6,7 +6,8 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact.scene.amplitude import MULTIPLIED, timed
-from pcontact.scene.model import LONGER, SHORTEST, Body, Contact, Equation, Periodic, Scene
+from pcontact.scene.model import LONGER, SHORTEST, Body, Contact, Scene
+from pcontact.scene.places import groups_named
 
 # tables of which some may act in some phases only
 PHASED = ("contacts", "displacements", "loads", "springs", "pretensions")
@@ -126,28 +127,16 @@ def _body(scene: Scene, body: Body, number: int) -> Body:
     return replace(body, phases=None, absent=not there, since=begun(scene, body, number) if there else 0)
 
 
-def _named(one: object) -> list[str]:
-    """Groups without which an entry of a list of tables means nothing."""
-    if isinstance(one, Contact):
-        names = [] if one.all else [one.source, one.target]
-    elif isinstance(one, Equation):
-        names = [name for name, *_ in one.terms]
-    elif isinstance(one, Periodic):
-        names = [one.region, one.partner]
-    else:
-        names = [one.region]
-    return [name for name in names if name is not None]
-
-
 def groups_of(scene: Scene) -> set[str]:
     """Groups that what acts in a scene is on, and those that are probed."""
-    named = {name for key in GROUPED for one in getattr(scene, key) for name in _named(one)}
+    named = {name for key in GROUPED for one in getattr(scene, key) for _, name, _ in groups_named(one)}
     return named | set(scene.output.probes)
 
 
 def left(scene: Scene, missing: set[str]) -> Scene:
     """A scene without what is on groups of which nothing is left."""
-    lists = {key: [one for one in getattr(scene, key) if not missing & set(_named(one))] for key in GROUPED}
+    lists = {key: [one for one in getattr(scene, key) if not missing & {name for _, name, _ in groups_named(one)}]
+             for key in GROUPED}  # fmt: skip
     probes = [name for name in scene.output.probes if name not in missing]
     return replace(scene, **lists, output=replace(scene.output, probes=probes))
 

@@ -2,7 +2,8 @@
 
 from collections.abc import Iterator
 
-from pcontact.scene.model import LIST_TABLES, NAMED, OPTIONAL_TABLES, Contact, Scene
+from pcontact.scene.keys import keys
+from pcontact.scene.model import LIST_TABLES, NAMED, OPTIONAL_TABLES, Contact, Equation, Scene
 from pcontact.scene.target import Target
 
 
@@ -28,3 +29,15 @@ def tables(scene: Scene) -> Iterator[tuple[str, object]]:
     yield "steps", scene.steps
     yield "output", scene.output
     yield from ((key, one) for key in OPTIONAL_TABLES if (one := getattr(scene, key)) is not None)
+
+
+def groups_named(table: object) -> Iterator[tuple[str, str, str]]:
+    """Groups that a table names: the key, the name, and of what they are, see `pcontact.scene.keys.Key.group`."""
+    if isinstance(table, Equation):
+        yield from ((f"terms[{index}]", name, "any") for index, (name, *_) in enumerate(table.terms))
+    if isinstance(table, Contact) and table.all:
+        return
+    for key, declared in keys(type(table)).items():
+        kind, name = declared.group, getattr(table, key)
+        if kind and name is not None:
+            yield key, name, kind(table) if callable(kind) else kind

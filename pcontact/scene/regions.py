@@ -10,7 +10,6 @@ from pcontact.runtime.messages import input_error, listed, unknown_name
 from pcontact.scene.expression import NORMAL, PLACES, Condition
 from pcontact.scene.keys import keys
 from pcontact.scene.model import (
-    Body,
     Contact,
     Coupling,
     Displacement,
@@ -20,13 +19,12 @@ from pcontact.scene.model import (
     MeshSpec,
     Obstacle,
     Periodic,
-    Pretension,
     Scene,
     Spring,
     Temperature,
 )
 from pcontact.scene.orthotropic import across_plane
-from pcontact.scene.places import place, tables
+from pcontact.scene.places import groups_named, place, tables
 from pcontact.scene.prescribed import names
 
 # obstacles that are none in the plane; those that have an axis to turn about
@@ -35,15 +33,6 @@ SPATIAL, AXES = ("cylinder", "cone", "torus"), ("cylinder", "torus")
 SQUARE = 1e-6
 # part of the largest radius by which rounding may put a node on the wrong side of the axis
 ROUNDING = 1e-9
-_VECTORS = {
-    Displacement: ("value", "point", "axis"),
-    Load: ("traction", "body_force", "force", "point", "at", "acceleration", "axis"),
-    Spring: ("stiffness",),
-    Coupling: ("point", "displacement"),
-    Periodic: ("translation", "point", "axis"),
-    Material: ("point", "axis"),
-    Obstacle: ("point", "normal", "center", "axis", "displacement", "pivot", "turn_axis"),
-}
 _EXPRESSIONS = {
     Displacement: ("value",),
     Load: ("pressure", "traction", "body_force", "acceleration"),
@@ -76,7 +65,7 @@ def check_dimension(scene: Scene, dim: int) -> None:
         A vector has another number of entries, 2D kinematics of a 3D mesh, a cylinder in 2D.
     """
     for where, table in tables(scene):
-        for key in _VECTORS.get(type(table), ()):
+        for key in (key for key, one in keys(type(table)).items() if one.per_direction):
             vector = getattr(table, key)
             if vector is not None and len(vector) != dim:
                 found = f"{len(vector)} entries, {list(vector)}"
@@ -226,32 +215,11 @@ def check_regions(
         low, high = ([float(f"{value:.6g}") for value in corner] for corner in box)
         groups.advice = f"; or one of a table [[regions]], by place: the mesh goes from {low} to {high}"
     for where, table in tables(scene):
-        if isinstance(table, Body):
-            _require(scene, f"{where}.region", table.region, groups, ("cells",), mesh_path)
-        elif isinstance(table, Contact) and not table.all:
-            _require(scene, f"{where}.source", table.source, groups, ("facets",), mesh_path)
-            if table.target is not None:
-                _require(scene, f"{where}.target", table.target, groups, ("facets",), mesh_path)
-                _check_apart(scene, where, table, facet_groups)
-        elif isinstance(table, Displacement | Coupling):
-            _require(scene, f"{where}.region", table.region, groups, tuple(groups), mesh_path)
-        elif isinstance(table, Equation):
-            for index, (name, *_) in enumerate(table.terms):
-                _require(scene, f"{where}.terms[{index}]", name, groups, tuple(groups), mesh_path)
-        elif isinstance(table, Periodic):
-            for key in ("region", "partner"):
-                _require(scene, f"{where}.{key}", getattr(table, key), groups, tuple(groups), mesh_path)
-        elif isinstance(table, Temperature) and table.region is not None:
-            _require(scene, f"{where}.region", table.region, groups, ("cells",), mesh_path)
-        elif isinstance(table, Pretension):
-            _require(scene, f"{where}.region", table.region, groups, ("facets",), mesh_path)
-        elif isinstance(table, Spring):
-            kinds = ("facets",) if table.per_area is not None else tuple(groups)
-            _require(scene, f"{where}.region", table.region, groups, kinds, mesh_path)
-        elif isinstance(table, Load) and table.region is not None:
-            kinds = ("facets",) if table.pressure is not None or table.traction is not None else ("cells",)
-            kinds = tuple(groups) if table.total else kinds
-            _require(scene, f"{where}.region", table.region, groups, kinds, mesh_path)
+        for key, name, kind in groups_named(table):
+            kinds = tuple(groups) if kind == "any" else (kind,)
+            _require(scene, f"{where}.{key}", name, groups, kinds, mesh_path)
+        if isinstance(table, Contact) and not table.all and table.target is not None:
+            _check_apart(scene, where, table, facet_groups)
     for index, probe in enumerate(scene.output.probes):
         _require(scene, f"output.probes[{index}]", probe, groups, tuple(groups), mesh_path)
 
@@ -310,16 +278,7 @@ def check_lost(scene: Scene, lost: Mapping[str, str], mesh_path: str | Path) -> 
     ------
     InputError
     """
-    named = set(scene.output.probes)
-    for _, table in tables(scene):
-        if isinstance(table, Contact):
-            named |= {table.source, table.target}
-        elif isinstance(table, Equation):
-            named |= {name for name, *_ in table.terms}
-        elif isinstance(table, Periodic):
-            named |= {table.region, table.partner}
-        elif isinstance(table, Body | Displacement | Load | Spring | Temperature | Coupling | Pretension):
-            named.add(table.region)
+    named = {name for _, table in tables(scene) for _, name, _ in groups_named(table)} | set(scene.output.probes)
     for name in lost:
         if name in named:
             raise InputError(f'{mesh_path}: group "{name}": {lost[name]}')
