@@ -8,7 +8,7 @@ import importlib
 import h5py
 import numpy as np
 
-from pcontact.mesh.groups import FileMesh, Table, default_name
+from pcontact.mesh.groups import FileMesh, Table, default_name, reading
 from pcontact.runtime.errors import InputError
 
 # kind (meshio's name) and dimension by the beginning of an Exodus type and the number of nodes
@@ -59,8 +59,14 @@ def read_exodus(path):
     with open(path, "rb") as stream:
         classic = stream.read(3) == b"CDF"
     try:
+        module = importlib.import_module("netCDF4") if classic else None
+    except ModuleNotFoundError as error:
+        raise InputError(
+            f'{path}: found the classic format of netCDF, which needs the Python package "{error.name}"; '
+            "allowed: netCDF-4 (HDF5), or that package installed"
+        ) from None
+    with reading(path, path.suffix):
         if classic:
-            module = importlib.import_module("netCDF4")
             with module.Dataset(path) as file:
                 file.set_auto_mask(False)
                 types = {name: v.elem_type for name, v in file.variables.items() if name[:7] == "connect"}
@@ -68,37 +74,17 @@ def read_exodus(path):
         with h5py.File(path, "r") as file:
             types = {k: v.attrs.get("elem_type", "") for k, v in file.items() if k[:7] == "connect"}
             return _build(path, file, types)
-    except InputError:
-        raise
-    except ModuleNotFoundError as error:
-        raise InputError(
-            f'{path}: found the classic format of netCDF, which needs the Python package "{error.name}"; '
-            "allowed: netCDF-4 (HDF5), or that package installed"
-        ) from None
-    except Exception as error:  # HDF5 and netCDF have many ways to fail
-        reason = " ".join(f"{type(error).__name__}: {error}".split())
-        raise InputError(
-            f"{path}: cannot be read as {path.suffix}: {reason}; allowed: a complete file of that type"
-        ) from None
 
 
 def _build(path, variables, types):
     """The mesh from the variables of a file, by name, and the types of its blocks."""
     points = _points(variables)
-    file = FileMesh(points, np.arange(1, len(points) + 1), np.zeros(len(points), dtype=bool), [])
-    starts = [0]
+    file, starts = FileMesh.of(points), [0]
     for number in range(1, len(types) + 1):
         nodes = np.asarray(variables[f"connect{number}"][...], dtype=np.int64) - 1
         kind, dim = _kind(types[f"connect{number}"], nodes.shape[1])
-        lost = np.argwhere((nodes < 0) | (nodes >= len(points)))
-        if len(lost):
-            raise InputError(
-                f"{path}: element {starts[-1] + lost[0][0] + 1} ({kind}) refers to node {nodes[tuple(lost[0])] + 1}; "
-                f"allowed: the {len(points)} nodes of the file"
-            )
-        tags = np.arange(starts[-1] + 1, starts[-1] + len(nodes) + 1)
         starts.append(starts[-1] + len(nodes))
-        file.tables.append(Table(kind, dim, nodes[:, _ORDER[kind]] if kind in _ORDER else nodes, tags))
+        file.add_elements(path, kind, dim, nodes[:, _ORDER[kind]] if kind in _ORDER else nodes)
     blocks = list(file.tables)
     for k, (number, name) in enumerate(_labels(variables, "eb", len(blocks))):
         file.add(blocks[k].dim, name or default_name(blocks[k].dim, number), k, np.arange(len(blocks[k].tags)))
@@ -114,8 +100,6 @@ def _build(path, variables, types):
         if len(elements) and not 1 <= elements.min() <= elements.max() <= starts[-1] or len(sides) != len(elements):
             raise _beyond(path, name)
         _add_sides(path, file, blocks, np.array(starts), name, elements - 1, sides, points.shape[1])
-    file.points = np.zeros((len(points), 3))
-    file.points[:, : points.shape[1]] = points
     return file
 
 

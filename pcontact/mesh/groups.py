@@ -4,6 +4,7 @@ A reader of a file format fills a `FileMesh`; `pcontact.mesh.reader` turns that 
 a group are matched with the facets of the cells by their vertices.
 """
 
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -12,6 +13,7 @@ import numpy as np
 from pcontact.element.reference import CELLS, facet_kinds, facet_nodes, n_nodes
 from pcontact.mesh.complete import number_rows
 from pcontact.runtime import log
+from pcontact.runtime.errors import InputError
 from pcontact.runtime.jit import njit
 
 # element types that the program knows, by meshio's names: (cell, degree); quad8, hexahedron20, wedge15 and pyramid13
@@ -97,6 +99,32 @@ class FileMesh:
     declared: list = field(default_factory=list)
     lost: dict = field(default_factory=dict)
 
+    @classmethod
+    def of(cls, points):
+        """A file with points (n, d), whose nodes and elements have numbers from 1 on, in its order."""
+        full = np.zeros((len(points), 3))
+        full[:, : points.shape[1]] = points
+        return cls(full, np.arange(1, len(points) + 1), np.zeros(len(points), dtype=bool), [])
+
+    def add_elements(self, path, kind, dim, nodes):
+        """Add a table of elements with nodes (n, k), rows of the points; its number.
+
+        Raises
+        ------
+        InputError
+            There is no such node.
+        """
+        first = 1 + sum(len(table.tags) for table in self.tables)
+        lost = np.argwhere((nodes < 0) | (nodes >= len(self.points)))
+        if len(lost):
+            raise InputError(
+                f"{path}: element {first + lost[0][0]} ({kind}) refers to node {nodes[tuple(lost[0])] + 1}; "
+                f"allowed: the {len(self.points)} nodes of the file"
+            )
+        nodes = np.ascontiguousarray(nodes, dtype=np.int64)
+        self.tables.append(Table(kind, dim, nodes, np.arange(first, first + len(nodes))))
+        return len(self.tables) - 1
+
     def add(self, dim, name, table, rows):
         """Put rows (n,) of a table into the group `name` of dimension `dim`."""
         self.groups.setdefault((dim, name), []).append((table, rows))
@@ -171,6 +199,20 @@ class RawMesh:
     def offsets(self):
         """ndarray, (n_blocks + 1,) int64 : first cell of every block; last, the number of cells."""
         return np.cumsum([0] + [len(block.nodes) for block in self.blocks])
+
+
+@contextmanager
+def reading(path, kind):
+    """Turn what goes wrong in a reader of files of a kind, which may be anything, into an input error."""
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:
+        reason = " ".join(f"{type(error).__name__}: {error}".split())
+        raise InputError(
+            f"{path}: cannot be read as {kind}: {reason}; allowed: a complete file of that type"
+        ) from None
 
 
 def say_lost(path, lost):

@@ -3,30 +3,16 @@
 import h5py
 import numpy as np
 
-from pcontact.mesh.groups import FileMesh, Table
+from pcontact.mesh.groups import FileMesh, reading
 from pcontact.runtime.errors import InputError
 
 # kind (meshio's name), dimension and number of nodes by MED's name
 _KINDS = {
-    "PO1": ("vertex", 0, 1),
-    "SE2": ("line", 1, 2),
-    "SE3": ("line3", 1, 3),
-    "TR3": ("triangle", 2, 3),
-    "TR6": ("triangle6", 2, 6),
-    "QU4": ("quad", 2, 4),
-    "QU8": ("quad8", 2, 8),
-    "QU9": ("quad9", 2, 9),
-    "TE4": ("tetra", 3, 4),
-    "T10": ("tetra10", 3, 10),
-    "HE8": ("hexahedron", 3, 8),
-    "H20": ("hexahedron20", 3, 20),
-    "H27": ("hexahedron27", 3, 27),
-    "PE6": ("wedge", 3, 6),
-    "P15": ("wedge15", 3, 15),
-    "P18": ("wedge18", 3, 18),
-    "PY5": ("pyramid", 3, 5),
-    "P13": ("pyramid13", 3, 13),
-}
+    "PO1": ("vertex", 0), "SE2": ("line", 1), "SE3": ("line3", 1), "TR3": ("triangle", 2), "TR6": ("triangle6", 2),
+    "QU4": ("quad", 2), "QU8": ("quad8", 2), "QU9": ("quad9", 2), "TE4": ("tetra", 3), "T10": ("tetra10", 3),
+    "HE8": ("hexahedron", 3), "H20": ("hexahedron20", 3), "H27": ("hexahedron27", 3), "PE6": ("wedge", 3),
+    "P15": ("wedge15", 3), "P18": ("wedge18", 3), "PY5": ("pyramid", 3), "P13": ("pyramid13", 3),
+}  # fmt: skip
 # positions in MED's node order of VTK's nodes, where the two differ (but for the sense, which is turned later)
 _ORDER = {"hexahedron27": [*range(20), 24, 22, 21, 23, 20, 25, 26]}
 # dimensions of others, unless 3
@@ -52,14 +38,8 @@ def read_med(path):
     InputError
         The file is damaged, or holds more than one mesh or step of a mesh.
     """
-    try:
-        with h5py.File(path, "r") as file:
-            return _build(path, file)
-    except InputError:
-        raise
-    except Exception as error:  # HDF5 has many ways to fail
-        reason = " ".join(f"{type(error).__name__}: {error}".split())
-        raise InputError(f"{path}: cannot be read as .med: {reason}; allowed: a complete file of that type") from None
+    with reading(path, ".med"), h5py.File(path, "r") as file:
+        return _build(path, file)
 
 
 def _build(path, file):
@@ -76,27 +56,16 @@ def _build(path, file):
         mesh = mesh[next(iter(mesh))]
     # coordinate after coordinate, of all nodes; so are the nodes of cells
     coordinates = mesh["NOE/COO"][()].reshape(dim, -1).T
-    points = np.zeros((len(coordinates), 3))
-    points[:, :dim] = coordinates
-    out = FileMesh(points, np.arange(1, len(points) + 1), np.zeros(len(points), dtype=bool), [])
-    names, first = _families(families.get("ELEME", {})), 1
+    out, names, points = FileMesh.of(coordinates), _families(families.get("ELEME", {})), coordinates
     for code, group in mesh["MAI"].items():
-        kind, table_dim, n_nodes = _KINDS.get(code, (f"MED {code}", _OTHERS.get(code, 3), 0))
+        kind, table_dim = _KINDS.get(code, (f"MED {code}", _OTHERS.get(code, 3)))
+        n_nodes = int("".join(c for c in code if c.isdigit())) if code in _KINDS else 0
         nodes = group["NOD"][()].reshape(n_nodes, -1).T - 1 if n_nodes else np.zeros((len(group["FAM"]), 0), np.int64)
-        lost = np.argwhere((nodes < 0) | (nodes >= len(points)))
-        if len(lost):
-            raise InputError(
-                f"{path}: element {first + lost[0][0]} ({kind}) refers to node {nodes[tuple(lost[0])] + 1}; "
-                f"allowed: the {len(points)} nodes of the file"
-            )
-        nodes = nodes[:, _ORDER[kind]] if kind in _ORDER else nodes
-        tags = np.arange(first, first + len(nodes))
-        first += len(nodes)
-        out.tables.append(Table(kind, table_dim, np.ascontiguousarray(nodes, dtype=np.int64), tags))
+        number = out.add_elements(path, kind, table_dim, nodes[:, _ORDER[kind]] if kind in _ORDER else nodes)
         if "FAM" in group:
             for family, rows in _members(group["FAM"][()], len(nodes), names):
                 for name in names[family]:
-                    out.add(table_dim, name, len(out.tables) - 1, rows)
+                    out.add(table_dim, name, number, rows)
     names = _families(families.get("NOEUD", {}))
     if "FAM" in mesh["NOE"]:
         for family, rows in _members(mesh["NOE/FAM"][()], len(points), names):

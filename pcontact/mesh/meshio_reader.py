@@ -7,7 +7,7 @@ from contextlib import redirect_stderr, redirect_stdout
 import numpy as np
 
 from pcontact.element.reference import n_nodes
-from pcontact.mesh.groups import KINDS, FileMesh, Table, default_name
+from pcontact.mesh.groups import KINDS, FileMesh, default_name
 from pcontact.runtime import log
 from pcontact.runtime.errors import InputError
 
@@ -79,21 +79,15 @@ def from_meshio(mesh, path):
     """
     if not np.size(mesh.points):
         raise InputError(f"{path}: the file holds no nodes; allowed: nodes and cells")
-    points = np.zeros((len(mesh.points), 3))
-    points[:, : mesh.points.shape[1]] = mesh.points
-    tables, first = [], 1
+    file = FileMesh.of(mesh.points)
     for block in mesh.cells:
-        tags = np.arange(first, first + len(block))
-        first += len(block)
-        tables.append(Table(block.type, block.dim, _nodes(block, tags, len(points), path), tags))
-    tags = np.arange(1, len(points) + 1)
-    file = FileMesh(points, tags, np.zeros(len(points), dtype=bool), tables)
+        file.add_elements(path, block.type, block.dim, _nodes(block, path))
     _sets(mesh, file, path)
     _numbers(mesh, file)
     return file
 
 
-def _nodes(block, tags, n_points, path):
+def _nodes(block, path):
     """Nodes (n, k) of a block of elements of meshio's, checked."""
     if block.type.startswith("polyhedron"):
         return np.zeros((len(block), 0), np.int64)
@@ -101,15 +95,7 @@ def _nodes(block, tags, n_points, path):
     width = _INCOMPLETE.get(block.type) or (n_nodes(*KINDS[block.type]) if block.type in KINDS else nodes.shape[-1])
     if nodes.shape != (len(block), width):
         raise InputError(f"{path}: elements of type {block.type} lack nodes; allowed: {width} nodes each")
-    nodes = nodes.astype(np.int64)
-    lost = np.argwhere((nodes < 0) | (nodes >= n_points))
-    if len(lost):
-        row, column = lost[0]
-        raise InputError(
-            f"{path}: element {tags[row]} ({block.type}) refers to node {nodes[row, column] + 1}; "
-            f"allowed: the {n_points} nodes of the file"
-        )
-    return nodes
+    return nodes.astype(np.int64)
 
 
 def _sets(mesh, file, path):

@@ -6,7 +6,7 @@ import h5py
 import numpy as np
 
 from pcontact.element.reference import facet_kinds, facet_nodes
-from pcontact.mesh.groups import DIMENSION_NAMES, FileMesh, Table
+from pcontact.mesh.groups import DIMENSION_NAMES, FileMesh
 from pcontact.mesh.plex import FACETS, POLYTOPES, RESERVED, cones, leaves, told
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import MPI, PETSc
@@ -205,16 +205,8 @@ def read_petsc_file(path):
         raise InputError(f"{path}: found {what!r}; allowed: a mesh that this PETSc can read") from None
     tables = read_plex(dm)
     dm.destroy()
-    points, dim = np.zeros((len(tables.points), 3)), tables.points.shape[1]
-    points[:, :dim] = tables.points
-    file = FileMesh(points, np.arange(1, len(points) + 1), np.zeros(len(points), dtype=bool), [])
-
-    def add(kind, dim, nodes):
-        first = 1 + sum(len(table.tags) for table in file.tables)
-        file.tables.append(Table(kind, dim, nodes, np.arange(first, first + len(nodes))))
-        return len(file.tables) - 1
-
-    place = {kind: add(MESHIO[kind], dim, nodes) for kind, nodes in tables.cells.items()}
+    file, dim = FileMesh.of(tables.points), tables.points.shape[1]
+    place = {kind: file.add_elements(path, MESHIO[kind], dim, nodes) for kind, nodes in tables.cells.items()}
     for name, rows in tables.cell_groups.items():
         for kind, some in rows.items():
             file.add(dim, name, place[kind], some)
@@ -222,7 +214,7 @@ def read_petsc_file(path):
         for nodes in parts:
             kind, below = LOWER[nodes.shape[1]]
             if below:
-                file.add(below, name, add(kind, below, nodes), np.arange(len(nodes)))
+                file.add(below, name, file.add_elements(path, kind, below, nodes), np.arange(len(nodes)))
             else:
                 file.point_groups[name] = nodes[:, 0]
     return file
