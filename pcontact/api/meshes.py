@@ -11,25 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from pcontact.mesh.plex_reader import LOWER, MESHIO, Tables, read_plex
+from pcontact.element.reference import CELLS, MESHIO_NAMES, facet_kinds, facet_nodes
+from pcontact.io.vtu import CELL_NAMES
+from pcontact.mesh.groups import KINDS
+from pcontact.mesh.plex_reader import LOWER, Tables, read_plex
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import on_root
 from pcontact.scene import MeshSpec
 
 _folder: list[Path] = []
-_VTK = {3: "line", 5: "triangle", 9: "quad", 10: "tetra", 12: "hexahedron", 21: "line3", 22: "triangle6", 23: "quad8",
-        24: "tetra10", 25: "hexahedron20", 28: "quad9", 29: "hexahedron27", 13: "wedge", 14: "pyramid", 26: "wedge15",
-        27: "pyramid13", 32: "wedge18"}  # fmt: skip
-# corners of the facets of cells, and what they are; middle nodes are not needed to name them
-_FACETS: dict[str, list[tuple[str, list[tuple[int, ...]]]]] = {
-    "triangle": [("line", [(0, 1), (1, 2), (2, 0)])],
-    "quad": [("line", [(0, 1), (1, 2), (2, 3), (3, 0)])],
-    "tetra": [("triangle", [(0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3)])],
-    "hexahedron": [("quad", [(0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)])],
-    "wedge": [("triangle", [(0, 1, 2), (3, 4, 5)]), ("quad", [(0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5)])],
-    "pyramid": [("triangle", [(0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)]), ("quad", [(0, 1, 2, 3)])],
-}
-_SOLID = ("tetra", "hexahedron", "wedge", "pyramid")
 _KINDS = {2: "line", 3: "triangle", 4: "quad"}
 
 
@@ -110,7 +100,7 @@ def _of_plex(
     tables: Tables,
 ) -> tuple[np.ndarray, list[tuple[str, np.ndarray]], dict[str, list[np.ndarray]], list[tuple[str, str, np.ndarray]]]:
     """Points, blocks, groups of cells, and facets, edges and nodes of groups of a DMPlex."""
-    blocks = [(MESHIO[kind], nodes) for kind, nodes in tables.cells.items()]
+    blocks = [(MESHIO_NAMES[kind, 1], nodes) for kind, nodes in tables.cells.items()]
     none = np.zeros(0, dtype=np.int64)
     named = {name: [rows.get(kind, none) for kind in tables.cells] for name, rows in tables.cell_groups.items()}
     lower = [(name, LOWER[rows.shape[1]][0], rows) for name, parts in tables.lower_groups.items() for rows in parts]
@@ -122,7 +112,7 @@ def _fill(path: Path, parts: tuple, groups: Mapping[str, Any], facets: Mapping[s
     import meshio
 
     points, blocks, named, entries = parts
-    solid = any(kind.startswith(_SOLID) for kind, _ in blocks)
+    solid = any(_dim(kind) == 3 for kind, _ in blocks)
     flat = points if solid or np.ptp(points[:, 2]) else points[:, :2]
     ends = np.cumsum([0, *(len(nodes) for _, nodes in blocks)])
     for name, chosen in groups.items():
@@ -154,13 +144,18 @@ def _parts(source: Any, meshio: Any) -> tuple[np.ndarray, list[tuple[str, np.nda
         return _solid(source.points), blocks, sets
     if hasattr(source, "cast_to_unstructured_grid"):
         grid = source.cast_to_unstructured_grid()
-        blocks = [(_VTK[int(kind)], np.asarray(nodes, dtype=np.int64)) for kind, nodes in grid.cells_dict.items()
-                  if int(kind) in _VTK]  # fmt: skip
+        blocks = [(CELL_NAMES[int(kind)][0], np.asarray(nodes, dtype=np.int64))
+                  for kind, nodes in grid.cells_dict.items() if CELL_NAMES.get(int(kind), ("vertex",))[0] != "vertex"]
         return _solid(grid.points), blocks, {}
     raise InputError(
         f"mesh: found {type(source).__name__}; allowed: a file, meshio.Mesh, a pyvista dataset, a DMPlex, the module "
         "gmsh, or (points, cells)"
     )
+
+
+def _dim(kind: str) -> int:
+    """Dimension of cells, by meshio's name."""
+    return CELLS[KINDS[kind][0]].dim if kind in KINDS else 0
 
 
 def _solid(points: Any) -> np.ndarray:
@@ -184,12 +179,12 @@ def _facets(
 
 def _boundary(blocks: Sequence[tuple[str, np.ndarray]]) -> list[tuple[str, np.ndarray]]:
     """Corners of the facets that belong to one cell only."""
-    top = 3 if any(kind.startswith(_SOLID) for kind, _ in blocks) else 2
+    top = max((_dim(kind) for kind, _ in blocks), default=2)
     found: dict[str, list[np.ndarray]] = {}
     for kind, nodes in blocks:
-        base = kind.rstrip("0123456789")
-        for facet, table in _FACETS.get(base, []) if (base in _SOLID) == (top == 3) else []:
-            found.setdefault(facet, []).append(nodes[:, np.array(table)].reshape(-1, len(table[0])))
+        for view, rows in facet_kinds(KINDS[kind][0]) if _dim(kind) == top else []:
+            table, facet = facet_nodes(view, 1)[rows], MESHIO_NAMES[str(CELLS[view].facet), 1]
+            found.setdefault(facet, []).append(nodes[:, table].reshape(-1, table.shape[1]))
     result = []
     for facet, parts in found.items():
         every = np.concatenate(parts)
@@ -200,11 +195,10 @@ def _boundary(blocks: Sequence[tuple[str, np.ndarray]]) -> list[tuple[str, np.nd
 
 def _write(path: Path, points: np.ndarray, entries: Sequence[tuple[str, str, np.ndarray]], meshio: Any) -> None:
     """A .msh file; a cell of two groups is listed in each."""
-    dims = {"vertex": 0, "line": 1, "triangle": 2, "quad": 2, **dict.fromkeys(_SOLID, 3)}
     tags: dict[tuple[str, int], int] = {}
     cells, numbers = [], []
     for name, kind, nodes in entries:
-        dim = dims[kind.rstrip("0123456789")]
+        dim = _dim(kind)
         tag = tags.setdefault((name, dim), len(tags) + 1) if name else 0
         cells.append((kind, nodes))
         numbers.append(np.full(len(nodes), tag, dtype=np.int32))

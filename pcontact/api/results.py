@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import tempfile
 from html import escape
 from pathlib import Path
@@ -14,13 +12,13 @@ import numpy as np
 from pcontact.api.fields import Fields
 from pcontact.api.tables import Named, Table, html, shown
 from pcontact.io.fields import FieldWriter
-from pcontact.io.history import columns, flatten
+from pcontact.io.history import History, columns
 from pcontact.io.names import STATUS
 from pcontact.io.report import Report, jsonable, read_report
 from pcontact.io.result import has_fields, load_result
 from pcontact.io.vtu import CELL_TYPES, SOLID
 from pcontact.runtime.errors import InputError
-from pcontact.runtime.files import replace_file
+from pcontact.runtime.files import discard
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
 
@@ -348,13 +346,10 @@ def _write_numbers(directory: Path, report: dict[str, Any], steps: list[dict[str
     for step in report["steps"]:
         saved.add_step(step)
     saved.write()
-    rows = [flatten(row) for row in steps]
-    text = io.StringIO()
-    if rows:
-        writer = csv.DictWriter(text, list(rows[0]), restval="", extrasaction="ignore", lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
-    replace_file(directory / "history.csv", text.getvalue())
+    discard(directory / "history.csv")
+    history = History(directory / "history.csv")
+    for step in steps:
+        history.append(step)
 
 
 def _grid(fields: Fields) -> Any:

@@ -8,6 +8,7 @@ import numpy as np
 from pcontact.element.reference import CELLS, edge_nodes
 from pcontact.estimate.size import at_vertices, edge_lengths, largest_contributions, new_sizes
 from pcontact.io.result import load_result
+from pcontact.mesh.groups import KINDS
 from pcontact.mesh.reader import read_mesh
 from pcontact.mesh.refinement.gather import halved_where
 from pcontact.mesh.remesh import remesh, write_refined, write_sizes
@@ -133,21 +134,12 @@ def read_estimate(directory, step=-1):
     number = np.concatenate(data["cell_number"])
     n = sum(len(block.nodes) for block in raw.blocks)
     estimates, centre = np.zeros(n), np.full((n, raw.dim), np.inf)
-    middle = np.concatenate(
-        [result.bodies.points[t[:, : _corners(name)]].mean(axis=1) for name, t in result.bodies.cells]
-    )
+    corners = [table[:, : CELLS[KINDS[name][0]].n_vertices] for name, table in result.bodies.cells]
+    middle = np.concatenate([result.bodies.points[table].mean(axis=1) for table in corners])
     if len(number) == n and number.max() < n:
         estimates[number] = np.concatenate(data["error_estimate"])
         centre[number] = middle[:, : raw.dim]
     own = np.concatenate([raw.points[block.vertices].mean(axis=1) for block in raw.blocks])
     if not np.abs(centre - own).max() <= NOT_MATCHING * max(float(np.ptp(raw.points, axis=0).max()), 1e-300):
         raise InputError(f"{mesh}: found another mesh than that of the run in {directory}; allowed: the same file")
-    name, table = result.bodies.cells[0]
-    return raw, estimates, 1 if table.shape[1] == _corners(name) else 2
-
-
-def _corners(name):
-    """Vertices of a kind of cell by its name in the fields."""
-    kinds = {"triangle": "triangle", "quad": "quadrilateral", "tetra": "tetrahedron", "hexahedron": "hexahedron",
-             "wedge": "wedge", "pyramid": "pyramid"}  # fmt: skip
-    return CELLS[kinds[name.rstrip("0123456789")]].n_vertices
+    return raw, estimates, KINDS[result.bodies.cells[0][0]][1]

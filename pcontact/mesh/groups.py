@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pcontact.element.reference import CELLS, facet_kinds, facet_nodes, n_nodes
+from pcontact.element.reference import CELLS, MESHIO_NAMES, facet_kinds, facet_nodes, n_nodes
 from pcontact.mesh.complete import number_rows
 from pcontact.runtime import log
 from pcontact.runtime.errors import InputError
@@ -18,26 +18,7 @@ from pcontact.runtime.jit import njit
 
 # element types that the program knows, by meshio's names: (cell, degree); quad8, hexahedron20, wedge15 and pyramid13
 # are filled
-KINDS = {
-    "line": ("segment", 1),
-    "line3": ("segment", 2),
-    "triangle": ("triangle", 1),
-    "triangle6": ("triangle", 2),
-    "quad": ("quadrilateral", 1),
-    "quad8": ("quadrilateral", 2),
-    "quad9": ("quadrilateral", 2),
-    "tetra": ("tetrahedron", 1),
-    "tetra10": ("tetrahedron", 2),
-    "hexahedron": ("hexahedron", 1),
-    "hexahedron20": ("hexahedron", 2),
-    "hexahedron27": ("hexahedron", 2),
-    "wedge": ("wedge", 1),
-    "wedge15": ("wedge", 2),
-    "wedge18": ("wedge", 2),
-    "pyramid": ("pyramid", 1),
-    "pyramid13": ("pyramid", 2),
-    "pyramid14": ("pyramid", 2),
-}
+KINDS = {name: (CELLS[cell].complete or cell, degree) for (cell, degree), name in MESHIO_NAMES.items()}
 
 # names of groups without a name, by dimension: "surface_12" is group 12 of dimension 2
 DIMENSION_NAMES = ("point", "curve", "surface", "volume")

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import h5py
 import numpy as np
 
-from pcontact.element.reference import facet_kinds, facet_nodes
+from pcontact.element.reference import MESHIO_NAMES, facet_kinds, facet_nodes
 from pcontact.mesh.groups import DIMENSION_NAMES, FileMesh
 from pcontact.mesh.plex import FACETS, POLYTOPES, RESERVED, cones, leaves, told
 from pcontact.runtime.errors import InputError
@@ -18,8 +18,6 @@ CELLS = {(2, 3): "triangle", (2, 4): "quadrilateral", (3, 4): "tetrahedron", (3,
          (3, 8): "hexahedron"}  # fmt: skip
 
 # the same as meshio calls them; facets, edges and nodes by the number of their vertices, with their dimension
-MESHIO = {"triangle": "triangle", "quadrilateral": "quad", "tetrahedron": "tetra", "pyramid": "pyramid",
-          "wedge": "wedge", "hexahedron": "hexahedron"}  # fmt: skip
 LOWER = {1: ("vertex", 0), 2: ("line", 1), 3: ("triangle", 2), 4: ("quad", 2)}
 
 
@@ -206,7 +204,7 @@ def read_petsc_file(path):
     tables = read_plex(dm)
     dm.destroy()
     file, dim = FileMesh.of(tables.points), tables.points.shape[1]
-    place = {kind: file.add_elements(path, MESHIO[kind], dim, nodes) for kind, nodes in tables.cells.items()}
+    place = {kind: file.add_elements(path, MESHIO_NAMES[kind, 1], dim, nodes) for kind, nodes in tables.cells.items()}
     for name, rows in tables.cell_groups.items():
         for kind, some in rows.items():
             file.add(dim, name, place[kind], some)
