@@ -23,7 +23,6 @@ from pcontact.runtime.petsc import MPI
 # what may be left out, and the options that do so
 HEURISTICS = {
     "prediction": {"newton_without": "prediction"},
-    "waiting": {"newton_without": "waiting"},
     "opening": {"newton_without": "opening"},
     "half_step": {"newton_without": "half_step"},
     "line_search": {"newton_without": "line_search"},

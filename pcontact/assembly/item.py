@@ -5,7 +5,7 @@ default that says nothing, so that a new item writes those that it has an answer
 results on owned nodes numpy arrays (n_owned, d).
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,20 +20,16 @@ class StatusRule:
         Closed points stick, whatever the law of friction says.
     frozen : bool
         Points that were closed at the end of the last load step are closed, and stick; all others are open.
-    waiting : ndarray (np,) of bool, optional
-        Points that stay open, see :meth:`Item.defer` and :meth:`Item.recede`.
+    opened : ndarray (np,) of bool, optional
+        Points that stay open, see :meth:`Item.recede`.
     closed : ndarray (np,) of bool, optional
         Points that are closed, whatever their traction; all others are open.
     """
 
     stick: bool = False
     frozen: bool = False
-    waiting: np.ndarray | None = None
+    opened: np.ndarray | None = None
     closed: np.ndarray | None = None
-
-    def wait(self, waiting, stick=False):
-        """The rule with points that stay open; where `stick`, all others that are closed stick."""
-        return replace(self, waiting=waiting, stick=self.stick or stick)
 
 
 LAW, FROZEN = StatusRule(), StatusRule(stick=True, frozen=True)
@@ -222,12 +218,6 @@ class Item:
         """Part of the Newton step ``-y`` from ``u`` to take; None for no say. *Collective.*
 
         `falls` (n_components,) of bool says which bodies nothing but the stabilisation holds back; None: not known.
-        """
-        return None
-
-    def defer(self, before, u, rule):
-        """The rule with points that are to stay open for one iteration after a full step from ``before`` to ``u``;
-        None without any. *Collective.*
         """
         return None
 

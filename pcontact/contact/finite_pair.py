@@ -277,20 +277,6 @@ class FinitePair(ContactPair):
         """Points (np,) that were closed in the last tangent, and are not on their facets or hardly beside them."""
         return False if self._status is None else self.pairing.paired & (self._status > OPEN) & ~on
 
-    def defer(self, before, u, rule):
-        """See :meth:`ContactPair.defer`; where most of the contact has stuck, and overlapped so far that the tangent
-        was not the exact one, all of it sticks for an iteration: what was left out of the tangent looks like slip.
-        *Collective.*
-        """
-        found = super().defer(before, u, rule)
-        if not (self.can_slip and self.law.follows_pressure):
-            return found
-        jxw, last = self.source.jxw, self.terms.last
-        deep, closed = self.space.comm.allreduce(np.array([jxw[last.deep].sum(), jxw[last.closed].sum()]), op=MPI.SUM)
-        if deep <= 0.5 * closed:
-            return found
-        return rule.wait(np.zeros(len(jxw), dtype=bool) if found is None else found.waiting, True)
-
     def renew(self, u, before, time, firm=False, tolerance=0.0):
         """See :meth:`pcontact.assembly.item.Item.renew`: until points have the facets that they find. *Collective.*"""
         if not self.verifies:

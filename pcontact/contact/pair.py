@@ -8,6 +8,8 @@ The life of a pair: `detect` finds the partners, which stay for the load step; r
 displacement, the state committed last and the status rule; `commit` takes the state to the end of the load step.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from pcontact.assembly.graph import BlockRows, node_graph
@@ -20,11 +22,11 @@ from pcontact.contact.formulation.layer import Layer, LayerTerms
 from pcontact.contact.formulation.methods import Method, Penalty
 from pcontact.contact.formulation.small import SmallTerms
 from pcontact.contact.initial import initial_gap
-from pcontact.contact.law import OPEN, SLIP, STICK, View, contact_law
+from pcontact.contact.law import OPEN, SLIP, View, contact_law
 from pcontact.contact.pairing import Pairing
 from pcontact.contact.path import NAME as PATH
 from pcontact.contact.points import PartnerPoints, SourcePoints, interpolate
-from pcontact.contact.receding import MANY, MIXED, WIDE, still_closed, turned
+from pcontact.contact.receding import still_closed, turned
 from pcontact.contact.search.partners import ObstacleSearch, TargetSearch
 from pcontact.contact.summary import borne
 from pcontact.contact.surface.obstacle import RigidObstacle
@@ -38,12 +40,6 @@ from pcontact.space.moments import moments
 # [facet sizes] So far ahead, facets get their place in the pattern before they close. From: chosen; what closes
 # farther away makes a new pattern.
 FORESEEN = 4.0
-# [-] Part of what closes that is right. From: where the contact is too small by a width d, the bodies overlap beside
-# its edge up to 3/2 d from there: their gap is that of a crack and that of the edge, proportional to
-# sqrt(x) (2/3 x - d). Row: waiting.
-RIGHT = 2.0 / 3.0
-# [places] Along a step, between which points that close are told apart. From: chosen, 0.1 % of a step.
-PLACES = 1000
 
 # formulations of a scene
 METHODS = {"nitsche": Method, "penalty": Penalty, "augmented_lagrangian": AugmentedLagrangian}
@@ -387,8 +383,8 @@ class ContactPair(Item):
             return View(paired & self.closed, True, not self.law.held)
         if rule.closed is not None:
             return View(paired & rule.closed, True, rule.stick and self.can_slip)
-        if rule.waiting is not None:
-            paired = paired & ~rule.waiting
+        if rule.opened is not None:
+            paired = paired & ~rule.opened
         return View(paired, self.bilateral, rule.stick and self.can_slip)
 
     def residual(self, u, out, rule=LAW):
@@ -514,49 +510,6 @@ class ContactPair(Item):
         # surfaces that just touch are closed, and remain so
         return float(np.sum(self.source.jxw[(now * then < 0.0) & self.pairing.paired]))
 
-    def defer(self, before, u, rule):
-        """Keep open, for an iteration, a third of the area that a full Newton step closes: what closes last in it.
-        *Collective.*
-
-        Newton's method closes half as much again as it should, see `RIGHT`, and opens half of what is too much in each
-        of the next iterations: the finer the mesh, the more of them. With friction, where most of the contact sticks,
-        all of it does for that iteration: at points that have overlapped the bound of the traction means nothing, and
-        Newton's method has to take back, with steps cut short, what slips too early; from what sticks too long it goes
-        straight on. A bound that does not follow the pressure acts at open points, too: there the edge of the contact
-        is another one.
-
-        Parameters
-        ----------
-        before, u : PETSc.Vec
-            Where the step began, and where it ended.
-        rule : StatusRule
-
-        Returns
-        -------
-        StatusRule or None
-            Where many points close, and hardly any open.
-        """
-        if self.bilateral or not self.law.follows_pressure:
-            return None
-        p, jxw, comm = self.pairing, self.source.jxw, self.space.comm
-        first, last = self.pressed(before, p.acts), self.pressed(u, p.acts)
-        closed, closes = p.paired & (first <= 0.0), np.flatnonzero(p.paired & (first > 0.0) & (last <= 0.0))
-        place = (PLACES * first[closes] / (first[closes] - last[closes])).astype(np.int64)
-        areas = np.bincount(place, jxw[closes], minlength=PLACES + 1)
-        others = [jxw[closed].sum(), jxw[closed & (last > 0.0)].sum(), len(closes)]
-        areas = comm.allreduce(np.append(np.cumsum(areas), others), op=MPI.SUM)
-        areas, (area, opens, count) = areas[:-3], areas[-3:]
-        if area == 0.0 or count < MANY or areas[-1] < WIDE * area or opens > MIXED * areas[-1]:
-            return None
-        waiting = np.zeros(len(p.paired), dtype=bool)
-        waiting[closes[place > np.searchsorted(areas, RIGHT * areas[-1])]] = True
-        sticks = False
-        if self.can_slip:
-            own = np.array([jxw[self._status == s].sum() for s in (STICK, SLIP)])
-            stick, slip = comm.allreduce(own, op=MPI.SUM)
-            sticks = bool(stick > slip)
-        return rule.wait(waiting, sticks)
-
     @property
     def _recedes(self):
         """Whether the pressure says what is open, and a tangent has been asked for."""
@@ -580,7 +533,7 @@ class ContactPair(Item):
         comm, closed = self.space.comm, self._status > OPEN
         left = still_closed(closed, self.pressed(u, self.pairing.acts), self.source.jxw, comm)
         before, after = comm.allreduce(np.array([closed.sum(), left.sum()]), op=MPI.SUM)
-        return None if after == 0 < before else rule.wait(~left)
+        return None if after == 0 < before else replace(rule, opened=~left)
 
     # -- how far the points go ------------------------------------------------------------------------------------
 

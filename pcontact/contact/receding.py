@@ -5,11 +5,11 @@ import numpy as np
 from pcontact.runtime.petsc import MPI
 
 # [points] So many, and such a part of the closed area, have to open, or to close, for a rule that takes a contact to
-# grow or to recede all along its edge. Rows: opening, waiting.
+# grow or to recede all along its edge. Row: opening.
 MANY = 12
-# [-] See MANY. Rows: opening, waiting.
+# [-] See MANY. Row: opening.
 WIDE = 0.02
-# [-] Part of that area which may change the other way at the same time. Rows: opening, waiting.
+# [-] Part of that area which may change the other way at the same time. Row: opening.
 MIXED = 0.1
 # [-] Area that opens, in parts of that which a full Newton step finds in tension. Row: opening. From: where the contact
 # is taken too wide by d, the pressure near its edge is that of the edge sought plus that of a rigid punch, proportional

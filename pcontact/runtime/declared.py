@@ -173,10 +173,10 @@ SECTIONS = {
 }
 # of Newton's method, each of which may be left out
 HEURISTICS = (
-    "prediction", "waiting", "opening", "half_step", "line_search", "correction", "step_limit", "stabilisation",
+    "prediction", "opening", "half_step", "line_search", "correction", "step_limit", "stabilisation",
 )  # fmt: skip
 # those of earlier versions: left out anyway, and a warning says so
-FORMER_HEURISTICS = ("stick_first", "cycles")
+FORMER_HEURISTICS = ("stick_first", "cycles", "waiting")
 OPTIONS = listed(
     Option(
         "contact_search_again", integer(0),

@@ -1,4 +1,4 @@
-"""How far a Newton step goes, and which points wait in the iteration after it."""
+"""How far a Newton step goes, and which points stay open in the iteration after it."""
 
 import numpy as np
 
@@ -49,8 +49,8 @@ class Globalisation:
     def begin(self, beginning):
         """A run of Newton's method begins; `beginning`: where the last load step has ended."""
         self._begins = beginning
-        # rules of an iteration in which points wait
-        self._waiting = None
+        # rules of an iteration in which points stay open
+        self._rules = None
         # those of the next iteration where the contact recedes, once in a run, and the area closed before it did
         self._receding, self._has_receded, self._area = None, False, 0.0
         # part that was taken of a step in which the residual has risen, and its norm at the beginning of that step
@@ -58,17 +58,17 @@ class Globalisation:
         # least norm of the residual, and iterations since then
         self._least, self._since = np.inf, 0
         # the residual at the end of a full step, when that has been tried and will be asked for again
-        self._known, self._was_full = None, False
+        self._known = None
 
     def end(self):
         """The run has ended, perhaps in the middle of an iteration."""
-        self._waiting = self._receding = None
+        self._rules = self._receding = None
 
     @property
     def rules(self):
         """By which points are open, stick or slip in the next tangent: a tuple of
         `pcontact.assembly.item.StatusRule`, or None where all go by their laws."""
-        return self._waiting
+        return self._rules
 
     def forget(self):
         """Partners have been looked for again: what is known of the last step says nothing any more."""
@@ -76,20 +76,15 @@ class Globalisation:
         self._least = np.inf
 
     def prepare(self, x, f):
-        """Before an iteration: where the contact recedes, or too many points have closed in a full step, the residual
-        ``f`` at ``x`` becomes that with some of them open. *Collective.*"""
-        full, self._was_full = self._was_full, False
+        """Before an iteration: where the contact recedes, the residual ``f`` at ``x`` becomes that with some points
+        open. *Collective.*"""
         if self._receding is not None:
-            self._waiting = self._receding
-            self._problem.residual(x, f, self._waiting)
-        if full and "waiting" not in self._without:
-            self._waiting = self._problem.defer(self._before, x)
-            if self._waiting is not None:
-                self._problem.residual(x, f, self._waiting)
+            self._rules = self._receding
+            self._problem.residual(x, f, self._rules)
 
     def limit(self, x, y, f):
         """Scale the Newton step ``-y`` from ``x``, where the residual is ``f``. *Collective.*"""
-        self._waiting = None
+        self._rules = None
         if self._goes_back(x, y) or self._starts_again(x, y, f):
             return
         part = 1.0
@@ -104,7 +99,6 @@ class Globalisation:
             else:
                 self._least = np.inf
                 self._follow(x, y, f, 1.0 if part != 1.0 else FARTHEST)
-                self._was_full = self._was_full and part == 1.0
 
     def _bends(self, x, y):
         """Whether bodies that may turn bend in a full step, and no point opens or closes. *Collective.*
@@ -188,8 +182,7 @@ class Globalisation:
             self._area = self._problem.closed_area()
         # where it ends, the step still goes to the solution under the rules, and the law says what closes there
         self._has_receded = self._receding is None
-        x.copy(self._before)
-        self._begins, self._was_full = False, self._has_receded
+        self._begins = False
         return True
 
     def _go(self, x, y, part):
@@ -234,8 +227,7 @@ class Globalisation:
                 most = min(f.norm(), norm(part)) if turns else ENOUGH * f.norm()
                 part = 1.0 if norm(1.0) <= most else part
         # a step that has been cut says nothing of where it would have ended
-        self._begins, self._was_full = False, part >= 1.0
-        x.copy(self._before)
+        self._begins = False
         if part != 1.0:
             y.scale(part)
             return

@@ -349,19 +349,6 @@ class Problem:
         kept = self._changed | {name for name, count in zip(names, counts, strict=True) if count}
         return tuple(FROZEN if name in kept else LAW for name in names)
 
-    def defer(self, before, u):
-        """Rules with points that stay open for an iteration, of those that a Newton step from ``before`` to ``u`` has
-        closed; None without any. *Collective.* See :meth:`pcontact.contact.pair.ContactPair.defer`: it is about elastic
-        bodies.
-        """
-        if self.yields:
-            return None
-        # all items are to be asked
-        found = [item.defer(before, u, LAW) for item in self.others]
-        if all(rule is None for rule in found):
-            return None
-        return tuple(LAW if rule is None else rule for rule in found)
-
     def turned(self, u):
         """See :meth:`pcontact.assembly.item.Item.turned`: sums (4,) over items and ranks. *Collective.*"""
         own = sum((item.turned(u) for item in self.others), np.zeros(4))

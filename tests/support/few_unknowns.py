@@ -58,9 +58,6 @@ class FewUnknowns:
     def sticking(self):
         return ("stick",)
 
-    def defer(self, before, u, rules=None):
-        return None
-
     def recede(self, u, rules=None, since=None):
         return None
 

@@ -54,13 +54,6 @@ class Contact(NamedTuple):
     placed: Placed
 
 
-class LastTangent(NamedTuple):
-    """Points (np,) of the last tangent: those that were closed, those that stuck at an overlap beyond `DEEP`."""
-
-    closed: np.ndarray
-    deep: np.ndarray
-
-
 class FiniteTerms:
     """Residual and tangent of a pair at its points, as functions of nodal values (n, d) and the view of a rule.
 
@@ -74,7 +67,6 @@ class FiniteTerms:
 
     Attributes
     ----------
-    last : LastTangent
     weighted : None
         See `pcontact.contact.formulation.small.SmallTerms`; the cells of partners have no part in the traction.
     """
@@ -89,7 +81,6 @@ class FiniteTerms:
         self._carried = self._lag
         self._before = self._adjoint = None
         self._made = 0
-        self.last = LastTangent(*np.zeros((2, len(source.x)), dtype=bool))
 
     # -- a load step ----------------------------------------------------------------------------------------------
 
@@ -249,8 +240,6 @@ class FiniteTerms:
         """Add to blocks (BlockRows); returns how many entries had no place."""
         contact, at = slopes
         self._made += 1
-        beyond = -contact.placed.gap > self.parameters.depth[p.points.facet]
-        self.last = LastTangent(at.status > OPEN, beyond & (at.status == STICK))
         wanted = p.every if self.method.theta != 0.0 else at.status > OPEN
         tractions = self.traction.slopes(values, p, wanted)
         work = tangent_work(self.space.dim, p.cells.shape[1], p.points.on.shape[1], p.targets.shape[1])

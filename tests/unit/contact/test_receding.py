@@ -1,5 +1,7 @@
 """What opens where a contact recedes, without a mesh."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -59,7 +61,7 @@ class Bed(Item):
         self.closed = np.ones(n, dtype=bool)
 
     def _allowed(self, rule):
-        return np.ones(len(self.area), dtype=bool) if rule.waiting is None else ~rule.waiting
+        return np.ones(len(self.area), dtype=bool) if rule.opened is None else ~rule.opened
 
     def pressures(self, w, rule):
         """Forces on the beam, upwards."""
@@ -74,7 +76,7 @@ class Bed(Item):
         return turned(self.closed, np.ones_like(self.closed), u.getArray(readonly=True), self.area)
 
     def recede(self, u, rule):
-        return rule.wait(~still_closed(self.closed, u.getArray(readonly=True), self.area, SELF))
+        return replace(rule, opened=~still_closed(self.closed, u.getArray(readonly=True), self.area, SELF))
 
 
 class Beam(FewUnknowns):

@@ -55,6 +55,12 @@ def test_the_line_search_holds_what_full_steps_throw_away():
     assert not without.converged
 
 
+def test_a_rule_of_earlier_versions_warns(caplog):
+    problem = FewUnknowns(1, np.arctan, lambda u: np.diag(1.0 / np.hypot(1.0, u) / np.hypot(1.0, u)))
+    assert solved(problem, [0.5], newton_without="waiting")[0].converged
+    assert "-newton_without waiting: there is no such rule any more" in caplog.text
+
+
 def test_a_residual_that_hardly_points_along_the_step():
     """Curved along the step, and nearly across it, as where a normal turns: a full step takes most of it away."""
 
