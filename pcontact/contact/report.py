@@ -74,6 +74,8 @@ class ContactReport:
         Facet groups of the sources.
     sinks : bool
         Whether the last :meth:`summary` has found a corner of the target in the source that the points do not see.
+    overlap : float
+        Largest one that it has found at a closed point, in sizes of its facet; 0 where the law says how deep points go.
     """
 
     def __init__(self, contact, pairs):
@@ -81,7 +83,7 @@ class ContactReport:
         self.weight = WEIGHT if is_unbiased(contact) else 1.0
         self.groups = tuple(pair.contact.source for pair in pairs)
         self.rigid, self.law, self.method = pairs[0].rigid, pairs[0].law, pairs[0].method
-        self.sinks = False
+        self.sinks, self.overlap = False, 0.0
 
     @cached_property
     def _node_depths(self):
@@ -191,6 +193,12 @@ class ContactReport:
         for state in states[1:]:
             state["traction"] = -state["traction"]
         joined, closed = _joined(states), [state["status"] > OPEN for state in states]
+        if not (self.law.tied or self.contact.pressure_overclosure):
+            parts = [
+                np.max(-(state["gap"] / pair.source.size[pair.source.facet])[rows], initial=0.0)
+                for pair, state, rows in zip(self.pairs, states, closed, strict=True)
+            ]
+            self.overlap = comm.allreduce(float(max(parts)), op=MPI.MAX)
         summary = {**summarise(joined, self.flips, self.lost, comm), **errors}
         own = sum(len(np.unique(pair.source.facet[rows])) for pair, rows in zip(self.pairs, closed, strict=True))
         # a mean of two sides

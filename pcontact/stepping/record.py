@@ -3,6 +3,7 @@
 import numpy as np
 
 from pcontact.assembly.loads import region_weights
+from pcontact.contact.motion import DEEPER
 from pcontact.material.elastic import equivalent_stress
 from pcontact.runtime import log
 from pcontact.runtime.petsc import MPI
@@ -184,6 +185,14 @@ class Recorder:
                     time, name, passed, left,
                 )  # fmt: skip
         for contact in self._problem.contacts:
+            if contact.overlap > DEEPER and (contact.name, "overlap") not in self._told:
+                self._told.add((contact.name, "overlap"))
+                log.warning(
+                    "time %g: contact %s: points are inside their partner by %.2g of the size of their facet: the mesh "
+                    "does not resolve the contact, and there may be more than one solution; remedy: smaller cells, "
+                    "smaller overlaps or loads, or a larger gamma0",
+                    time, contact.name, contact.overlap,
+                )  # fmt: skip
             if contact.sinks and (contact.name, "sinks") not in self._told:
                 self._told.add((contact.name, "sinks"))
                 depth = contacts[contact.name]["target_penetration"]

@@ -133,6 +133,22 @@ def test_an_interference_that_grows_is_imposed_once_where_an_error_is_named():
 
 
 @pytest.mark.parallel
+@pytest.mark.parametrize("motion", [-0.05, -0.6])
+def test_points_that_are_deep_for_their_facets_are_said(motion):
+    """Blocks of penalty contact, whose overlap is known: p / gamma, gamma = (lambda + 2 mu) / h of cells of 0.5."""
+    mesh = grids(("lower", (0.0, 0.0), (1.0, 1.0), (2, 2)), ("upper", (0.0, 1.0), (1.0, 2.0), (2, 2)))
+    steps, warnings = solved(scene(
+        mesh, Contact("upper_bottom", "lower_top", name="c", formulation="penalty", gamma0=1.0, search_radius=1.0),
+        [("lower_bottom", [0.0, 0.0]), ("upper_top", [0.0, motion])],
+        bodies=[Body("lower", "m"), Body("upper", "m")],
+    ))  # fmt: skip
+    deep = steps[-1]["contacts"]["c"]["max_penetration"] / 0.5
+    said = [line for line in warnings if "points are inside their partner by" in line]
+    assert bool(said) == (deep > 0.1) == (motion < -0.5)
+    assert not said or "smaller cells" in said[0]
+
+
+@pytest.mark.parallel
 @pytest.mark.parametrize("source, target", [("tip_sides", "slab_top"), ("slab_top", "tip_sides")])
 def test_a_corner_of_the_target_counts_as_penetration(source, target):
     """A diamond that stands on a slab: how deep its corner is, whichever surface is the source."""
