@@ -6,17 +6,14 @@ import time as clock
 import traceback
 from contextlib import suppress
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 
-from pcontact.adapt.loop import REACHED, Loop
 from pcontact.adapt.target import wanted
 from pcontact.contact.surface.smooth_geometry import SMOOTH, WRONG, facet_pressure
-from pcontact.demo import explain
 from pcontact.doctor import examine
-from pcontact.importer.write import import_file
-from pcontact.io import refine
 from pcontact.io.cost_forecast import cost_forecast
 from pcontact.io.examples import lay_out
 from pcontact.io.modes import write_modes
@@ -43,6 +40,11 @@ from pcontact.space.modes import component_boxes, near_pairs
 from pcontact.usage import COMMANDS, declared, parse, usage
 from pcontact.view import show
 from pcontact.warm import warm
+
+
+def _loaded(module):
+    """A part of the program that runs do without, by its name: loading all of them takes a tenth of a second."""
+    return import_module(f"pcontact.{module}")
 
 
 def run_scene(scene, directory, observers=(), mesh=None):
@@ -144,7 +146,7 @@ def forecast(scene):
     int
         Exit status.
     """
-    loop = Loop(scene)
+    loop = _loaded("adapt.loop").Loop(scene)
     outcome = loop.forecast()
     if outcome.failure is not None:
         log.error_line(outcome.failure)
@@ -176,18 +178,19 @@ def reach(scene, directory, machine):
         Exit status.
     """
     start, lines = clock.perf_counter(), PassLines(machine and MPI.COMM_WORLD.rank == 0)
+    adapt = _loaded("adapt.loop")
 
     def take(simulation, converged):
         if converged:
             lines.passed(loop.passes[-1])
         return _unused(simulation), simulation.records.report
 
-    loop = Loop(scene, take=take, observers=lambda _: [lines] if machine else [])
+    loop = adapt.Loop(scene, take=take, observers=lambda _: [lines] if machine else [])
     outcome = loop.run(directory)
     unused, kept = outcome.kept
     for line in unused:
         log.warning("%s", line)
-    lines.ended(outcome.failure is None, outcome.status == REACHED)
+    lines.ended(outcome.failure is None, outcome.status == adapt.REACHED)
     say_what_came_out(kept, directory, timing={"total": clock.perf_counter() - start})
     if outcome.failure is not None:
         log.error_line(outcome.failure)
@@ -212,7 +215,7 @@ def demonstrate(folder):
     log.info("the scene is %s; pcontact run %s -o %s/results runs it", path, path, path.parent)
     simulation, converged = run_scene(read_scene(path), path.parent / "results")
     say_what_came_out(simulation.records.report, path.parent / "results")
-    for line in on_root(comm, explain, path) or ():
+    for line in on_root(comm, _loaded("demo").explain, path) or ():
         log.info("%s", line)
     simulation.close()
     return 0 if converged else 1
@@ -373,10 +376,10 @@ def _execute(command, operand, options):
             log.info("%s", line)
         return 0
     if command == "refine":
-        log.info("wrote %s", refine.refine_run(operand, options, comm))
+        log.info("wrote %s", _loaded("io.refine").refine_run(operand, options, comm))
         return 0
     if command == "import":
-        return comm.bcast(on_root(comm, import_file, operand, options.get("o")), root=0)
+        return comm.bcast(on_root(comm, _loaded("importer.write").import_file, operand, options.get("o")), root=0)
     if command == "convert":
         convert_mesh(operand, options)
         return 0

@@ -110,6 +110,11 @@ def _plain(kind):
 class _Kernel(CPUDispatcher):
     """A kernel, kept on disk."""
 
+    @cached_property
+    def _cache(self):
+        """Where it is kept: of several hundred kernels a run calls a few dozen."""
+        return cache_of(self.py_func)
+
     def compile(self, sig):
         with timed(), self._cache.held():
             return super().compile(sig)
@@ -159,7 +164,8 @@ def _compiled(**options):
         kernel = numba.njit(**options, **unwanted, pipeline_class=_KernelCompiler)(function)
         # numba makes its own class of dispatchers; this one is nothing but that, with another call
         kernel.__class__ = _Counted
-        kernel.options, kernel._cache = options, cache_of(function)
+        del kernel.__dict__["_cache"]
+        kernel.options = options
         kernel.title = f"{function.__module__.rpartition('.')[2]}.{function.__name__}"
         return kernel
 

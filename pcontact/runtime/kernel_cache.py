@@ -20,6 +20,7 @@ from pathlib import Path
 
 import numba
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, NullCache
+from numba.core.runtime import rtsys
 
 from pcontact.runtime import compiling, log
 
@@ -28,6 +29,7 @@ PACKAGE, FOREIGN, OWN = Path(__file__).resolve().parents[1], ("runtime.",), "run
 IMPORT = re.compile(r"^[ \t]*from[ \t]+([\w.]+)[ \t]+import[ \t]+(\([^)]*\)|[^\n]*)", re.MULTILINE)
 # [-] Versions of a module whose kernels are kept. From: chosen; a few branches and what was before them.
 VERSIONS = 8
+NO_PLACE = "the user's cache cannot be written to"
 
 
 class _Uncached:
@@ -38,6 +40,8 @@ class _Uncached:
 
 def tell_uncached():
     """Warn of kernels that every run has to compile anew, if there is no place to keep them."""
+    if _Uncached.reason is None and not can_keep(folder()):
+        _Uncached.reason = NO_PLACE
     if _Uncached.reason is not None:
         log.warning(
             "compiled kernels cannot be kept (%s): every run compiles them anew, for half a minute; NUMBA_CACHE_DIR "
@@ -185,7 +189,10 @@ class _Cache(FunctionCache):
 
     def _load(self, sig, target_context):
         try:
-            return super().load_overload(sig, target_context)
+            # numba loads what it compiles with before each kernel, a tenth of a second: machine code needs this alone
+            rtsys.initialize(target_context)
+            with self._guard_against_spurious_io_errors():
+                return self._load_overload(sig, target_context)
         except (AttributeError, ImportError, pickle.UnpicklingError, EOFError, ValueError, TypeError, KeyError):
             # names of types that this version does not have, or a file that was cut off
             with suppress(OSError):
@@ -249,5 +256,5 @@ def cache_of(function, part=False):
     try:
         return (_PartCache if part else _Cache)(function)
     except RuntimeError:
-        _Uncached.reason = "the user's cache cannot be written to"
+        _Uncached.reason = NO_PLACE
         return _Nowhere()
