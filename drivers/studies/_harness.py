@@ -16,6 +16,8 @@ class Rows:
         Of the file; a line that was cut off by the end of a run counts as missing.
     keys : tuple of str
         What tells a row from the others.
+    comm : MPI.Comm
+        Ranks that have the rows; the first one writes.
 
     Raises
     ------
@@ -23,9 +25,9 @@ class Rows:
         The file has other lines. On every rank.
     """
 
-    def __init__(self, path, keys):
-        self._path, self._keys = path, keys
-        self._rows = MPI.COMM_WORLD.bcast(on_root(MPI.COMM_WORLD, self._read))
+    def __init__(self, path, keys, comm=MPI.COMM_WORLD):
+        self._path, self._keys, self._comm = path, keys, comm
+        self._rows = comm.bcast(on_root(comm, self._read))
 
     def _read(self):
         if not self._path.exists():
@@ -57,5 +59,5 @@ class Rows:
             with open(self._path, "a", encoding="utf-8") as file:
                 file.write(json.dumps(row) + "\n")
 
-        on_root(MPI.COMM_WORLD, write)
+        on_root(self._comm, write)
         self._rows[self._key(row)] = row

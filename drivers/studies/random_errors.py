@@ -18,6 +18,7 @@ on them.
 
 import time as clock
 from collections.abc import Callable
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -29,12 +30,16 @@ from drivers._common import log, main, make_parser, print_table
 from drivers.studies._harness import Rows
 from drivers.studies._named_reference import Cloud, Reference, clouds_of
 from drivers.studies._random_scenes import drawn
-from drivers.studies.named_error import Answer, ran
+from drivers.studies.named_error import Answer
 from pcontact.adapt.loop import FAILED, REACHED, Loop
+from pcontact.adapt.variants import Last
 from pcontact.estimate.goal import value
 from pcontact.runtime.errors import InputError, SolverError, StepFailure
+from pcontact.runtime.parallel import on_root
+from pcontact.runtime.petsc import MPI
 from pcontact.scene import validate
 from pcontact.scene.target import LARGEST, QUANTITIES, Budget, Target
+from pcontact.simulation import Simulation
 
 COLUMNS = ("seed", "kind", "of", "target", "ended", "named", "true", "reference", "unknowns", "passes", "seconds",
            "cost")  # fmt: skip
@@ -43,8 +48,8 @@ TARGETS, PART = (10.0, 5.0, 2.0, 1.0), 0.1
 # budget of a loop, in the plane and in space: a loop takes less than about 20 s
 UNKNOWNS, SECONDS = {2: 30_000, 3: 15_000}, 60.0
 # growth of cells of references with the distance from places, a mesh each; load steps where the answer depends on them;
-# unknowns, and seconds, of the last mesh
-GROWTHS, LEAST_STEPS, MOST, LONG = (0.7, 0.45, 0.3, 0.2, 0.13), 8, 60_000, 12.0
+# unknowns, and seconds of the processor, after which no finer mesh is made, which takes about four times as long
+GROWTHS, LEAST_STEPS, MOST, LONG = (0.7, 0.45, 0.3, 0.2, 0.13), 8, 60_000, 6.0
 # options of references
 EXACT = {"pc_type": "lu", "ksp_type": "preonly", "pc_factor_mat_solver_type": "mumps", "snes_rtol": 1e-9}
 # places that cells are graded to, at most
@@ -52,8 +57,23 @@ PLACES = 16
 # points across a depth, of Gauss's quadrature on (0, 1)
 ACROSS = (np.polynomial.legendre.leggauss(4)[0] + 1.0) / 2.0, np.polynomial.legendre.leggauss(4)[1] / 2.0
 FILE, COMPONENTS = "errors.jsonl", "xyz"
+# the seed of the tiny run: elastic rings without friction
+TINY = "219"
 # what a loop may meet that is an end of it
 ENDS = InputError, StepFailure, SolverError
+
+
+@contextmanager
+def solved(scene, mesh=None):
+    """A run in memory of which nothing is said, and the record of its last load step."""
+    with log.quiet():
+        simulation, last = Simulation(scene, MPI.COMM_SELF, mesh=mesh), Last()
+        try:
+            if not simulation.run(None, [last]):
+                raise StepFailure(str(simulation.failure))
+            yield simulation, last.record
+        finally:
+            simulation.free()
 
 
 def number(of, run, record):
@@ -101,7 +121,7 @@ def run_graded(scene, graded, steps):
     """Run a scene on a mesh of a reference: a :class:`Solved`."""
     graded = graded.copy()
     graded.petsc, graded.steps.count = {**graded.petsc, **EXACT}, steps
-    with log.quiet(), ran(graded) as (run, record):
+    with solved(graded) as (run, record):
         answer = Answer.of(run, True)
         values = {of: number(of, run, record) for of in scene.known}
         return Solved(clouds_of(run), values, partial(answer.solution.at, near=True), answer.laws, answer.axisymmetric,
@@ -228,11 +248,11 @@ def deep(best, depth):
     return best._replace(clouds=clouds, norm=best.norm * depth**0.5, values=values)
 
 
-def reference(scene, folder):
-    """The reference of a scene, from an earlier run where there is one."""
-    path = folder / f"reference_{scene.seed}.npz"
+def reference(scene, target, folder):
+    """The reference of a scene for a target [%], from an earlier run where there is one."""
+    path = folder / f"reference_{scene.seed}_{target:g}.npz"
     if not path.exists():
-        made(scene, PART * TARGETS[-1] / 100.0, folder).write(path)
+        made(scene, PART * target / 100.0, folder).write(path)
     best = Reference.read(path)
     return deep(best, scene.depth) if scene.depth else best
 
@@ -251,9 +271,9 @@ def measured(scene, of, target, best, folder):
         validate(replace(begun.copy(), accuracy=accuracy))
         # kernels are loaded outside of the clock
         with log.quiet():
-            Loop(replace(begun, accuracy=Target(LARGEST))).run()
+            Loop(replace(begun, accuracy=Target(LARGEST)), MPI.COMM_SELF).run()
             start = clock.process_time()
-            loop = Loop(replace(begun.copy(), accuracy=accuracy))
+            loop = Loop(replace(begun.copy(), accuracy=accuracy), MPI.COMM_SELF)
             outcome = loop.run()
     except ENDS as error:
         return row | {"ended": f"refused: {error}"}
@@ -266,7 +286,7 @@ def measured(scene, of, target, best, folder):
     usual = replace(begun.copy(), accuracy=None)
     usual.steps.count, usual.mesh.order, usual.output.estimate = last.steps, last.degree, False
     start = clock.process_time()
-    with log.quiet(), ran(usual, loop.mesh) as (run, record):
+    with solved(usual, loop.mesh) as (run, record):
         row["cost"] = row["seconds"] / (clock.process_time() - start)
         answer, found = Answer.of(run, True), None if of == "energy" else number(of, run, record)
     if of == "energy":
@@ -307,9 +327,15 @@ def _short(cell):
 
 
 def run(args):
-    """Rows that are missing, or the table."""
-    args.o.mkdir(parents=True, exist_ok=True)
-    rows = Rows(args.o / FILE, ("seed", "of", "target"))
+    """Rows that are missing, or the table: on the first rank."""
+    on_root(MPI.COMM_WORLD, _run, args)
+    return 0
+
+
+def _run(args):
+    rows = Rows(args.o / FILE, ("seed", "of", "target"), MPI.COMM_SELF)
+    if args.tiny:
+        args.seeds, args.targets = TINY, TARGETS[:1]
     first, _, last = args.seeds.partition(":")
     try:
         seeds = range(int(first), int(last or int(first) + 1))
@@ -320,16 +346,15 @@ def run(args):
         missing = [(of, target) for of in scene.quantities for target in args.targets
                    if {"seed": seed, "of": of, "target": target} not in rows]  # fmt: skip
         for of, target in missing:
-            row = measured(scene, of, target, reference(scene, args.o), args.o)
+            row = measured(scene, of, target, reference(scene, min(args.targets), args.o), args.o)
             log.info("%s", ", ".join(f"{key} {_short(row[key])}" for key in COLUMNS if key in row))
             rows.add(row)
     table(sorted(rows, key=lambda row: (row["seed"], row["of"] != "energy", row["of"], -row["target"])))
-    return 0
 
 
 def parser():
     """The driver's options."""
-    p = make_parser(__doc__, str(Path.home() / "pcontact_random_errors"), tiny=False)
+    p = make_parser(__doc__, str(Path.home() / "pcontact_random_errors"))
     p.add_argument("--seeds", default="0:20", metavar="A:B", help="seeds of the scenes, B is left out (0:20)")
     p.add_argument("--targets", type=float, nargs="+", default=list(TARGETS), metavar="PERCENT")
     p.add_argument("--table", action="store_true", help="no runs: what the rows say")
