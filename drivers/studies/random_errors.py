@@ -25,6 +25,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from pcontact.adapt.variants import Last
 
 from drivers._common import log, main, make_parser, print_table
 from drivers.studies._harness import Rows
@@ -32,7 +33,6 @@ from drivers.studies._named_reference import Cloud, Reference, clouds_of
 from drivers.studies._random_scenes import drawn
 from drivers.studies.named_error import Answer
 from pcontact.adapt.loop import FAILED, REACHED, Loop
-from pcontact.adapt.variants import Last
 from pcontact.estimate.goal import value
 from pcontact.runtime.errors import InputError, SolverError, StepFailure
 from pcontact.runtime.parallel import on_root

@@ -16,10 +16,11 @@ make it least are w1 = J l2 / (l1 + J l2): the traction is mostly that of the so
 these need.
 
 Surfaces that do not match have two normals, and the traction of a side has a part along its own facet: the side that
-gives the traction gives the normal, too, n = (w1 n_X - w2 n_Y) / |.|. The partner that the search has found is moved
-along its facet until it lies on n, else moments of the two sides would differ. Areas are as the cosines of their
-normals with n, J = (s_X |n_X . n|) / (s_Y |n_Y . n|) with the current over the undeformed areas s of the two facets;
-along the mean normal, for the weights of n, they are as s_X to s_Y: both ways round n and the weights are the same.
+gives the traction gives the normal, too, n = (w1 n_X - w2 n_Y) / |.| of the undeformed facets. The partner that the
+search has found is moved along its facet until it lies on n, else moments of the two sides would differ. Areas are as
+the cosines of their normals with n, J = (s_X |n_X . n|) / (s_Y |n_Y . n|) with the current over the undeformed areas s
+of the two facets; along the mean normal, for the weights of n, they are as s_X to s_Y: both ways round n and the
+weights are the same.
 Where the partner is held at an edge, or faces the point much askew, w1 = 1 and the normal is that of the search. A cell
 whose nodes are all held has no stress, however stiff it is: the traction is that of the other side.
 
@@ -102,7 +103,7 @@ class TargetTraction:
     """
 
     def __init__(self, space, bulk, target, contact):
-        name, self._sticks, self._rays = contact.target, contact.alpha is None, contact.search == "ray_tracing"
+        name, self._sticks = contact.target, contact.alpha is None
         self.space, self._bulk, self._name, self._target = space, bulk, name, target
         # tied points take part wherever their partners are
         self._reach, self._groups = np.inf if contact.tied else NEAR, space.mesh.facet_groups.get(name, [])
@@ -190,9 +191,10 @@ class TargetTraction:
 
         Parameters
         ----------
-        asked : ndarray (n, 4 d + 1)
+        asked : ndarray (n, 5 d + 1)
             Row of the facet on this rank and reference point on it; contact normal of the search, deformed point of the
-            source relative to the origin, current area vector over the undeformed area, trace constant of its cell.
+            source relative to the origin, its normal, current area vector over the undeformed area, trace constant of
+            its cell.
         nodal : ndarray (n_local, d)
         origin : ndarray (d,)
 
@@ -209,13 +211,11 @@ class TargetTraction:
             normal; reference point, with one more column; normal; shape functions of the nodes of the facet.
         """
         d, rows = self.space.dim, asked[:, 0].astype(np.int64)
-        xi, found, x, faces, l1 = np.split(asked[:, 1:], [d - 1, 2 * d - 1, 3 * d - 1, 4 * d - 1], axis=1)
-        outward, slope, radius = self._facing(rows, xi)
-        normal, l2 = area_vectors(slope, nodal, self.side.cells[rows], outward), self._stiff[rows]
+        xi, found, x, own, faces, l1 = np.split(asked[:, 1:], [k * d - 1 for k in range(1, 6)], axis=1)
+        face, slope, radius = self._facing(rows, xi)
+        normal, l2 = area_vectors(slope, nodal, self.side.cells[rows], face), self._stiff[rows]
         size, other = (np.linalg.norm(one, axis=1) for one in (faces, normal))
         with np.errstate(divide="ignore", invalid="ignore"):
-            # rays look along undeformed normals
-            own, face = (found, outward) if self._rays else (faces / size[:, None], normal / other[:, None])
             # the same from both sides: areas that face each other along the mean normal
             ratio = size / other * (radius if self.space.axisymmetric else 1.0)
             part = np.nan_to_num(harmonic(l1[:, 0], l2, ratio))[:, None]
@@ -264,7 +264,7 @@ class TargetTraction:
             faces /= source.x[rows, :1]
         l1 = np.where(self._is_rigid(source.cells), np.inf, source.trace)[facet]
         place = found.place[rows]
-        asking = np.column_stack([place[:, 1:], found.normal[rows], x[rows], faces, l1[rows]])
+        asking = np.column_stack([place[:, 1:], found.normal[rows], x[rows], source.normal[rows], faces, l1[rows]])
         sends, order = split_by_rank(place[:, 0].astype(np.int64), asking)
         asked = self.space.exchanger(sends, np.float64, asking.shape[1])
         answer = self.answer(np.concatenate([np.zeros((0, asking.shape[1])), *asked.values()]), nodal, origin)

@@ -87,12 +87,12 @@ def test_weights_areas_and_traction(tmp_path, cell, search, friction):
         shear = 4.0 * SOFT[1] / (SOFT[0] + 2.0 * SOFT[1])
         part = (w1**2 * l1 + (1.0 - w1) ** 2 * ratio * l2 * np.where(some, shear, 0.0)) / (gamma / item.method.gamma0)
         np.testing.assert_allclose(item.method.alpha, part, rtol=1e-9)
-        ways = (up, source.normal[0]) if search == "ray_tracing" else [a / np.linalg.norm(a) for a in areas]
         even = np.linalg.norm(areas[1]) / np.linalg.norm(areas[0])
-        mixed = even * l2 * ways[1] - l1[:, None] * ways[0]
+        mixed = even * l2 * source.normal - l1[:, None] * up
         mixed /= np.linalg.norm(mixed, axis=1)[:, None]
-        # rays from points that are far keep their direction: along the weighted normal they leave the facet
-        turned = some & (np.abs(p.normal - source.normal).max(axis=1) > 1e-12)
+        # points that are far keep the normal of the search: along the weighted one they leave the facet
+        kept = source.normal if search == "ray_tracing" else -areas[0] / np.linalg.norm(areas[0])
+        turned = some & (np.abs(p.normal - kept).max(axis=1) > 1e-12)
         assert np.count_nonzero(turned) > 0.3 * len(some)
         np.testing.assert_allclose(p.normal[turned], mixed[turned], atol=1e-12)
         found = item.terms._evaluate(p, p.exchange.gather(u), p.every)[0]
