@@ -14,6 +14,19 @@ FOLLOWERS = 1.4
 POWER = 1.1
 
 
+def costs(passes):
+    """Seconds of a pass that do not grow, and those of the last one that grow with the unknowns."""
+    last = passes[-1]
+    spent = [one.seconds - one.trials for one in passes]
+    if len(passes) < 2 or last.unknowns <= passes[0].unknowns:
+        # the first one loads what is needed; estimates take about as long as the load steps
+        rest = min(2.0 * last.solve, spent[-1])
+        return spent[-1] - rest, rest
+    first = (passes[0].unknowns / last.unknowns) ** POWER
+    rest = min(max((spent[-1] - spent[0]) / (1.0 - first), 2.0 * last.solve, 0.0), spent[-1])
+    return spent[-1] - rest, rest
+
+
 class Budgeted:
     """Keeps the passes within a budget.
 
@@ -56,8 +69,9 @@ class Budgeted:
         limits["memory"] = 1.0 + (self._memory - done.memory) / (memory_each(passes) * done.unknowns)
         if self._time is not None:
             # the clock of one rank is not that of the others
-            left = self._comm.bcast(max(self._time - elapsed, 0.0))
-            limits["time"] = (left / max(done.seconds, 1e-6)) ** (1.0 / POWER)
+            fixed, rest = costs(passes)
+            left = self._comm.bcast(max(self._time - elapsed - fixed, 0.0) / max(rest, 1e-6))
+            limits["time"] = left ** (1.0 / POWER)
         self.by = min(limits, key=limits.get)
         return limits[self.by]
 

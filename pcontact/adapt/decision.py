@@ -64,7 +64,7 @@ class Decision:
     def __init__(self, target, settings, passes, refining, comm):
         self._target, self._settings, self._passes, self._refining = target, settings, passes, refining
         self._start, self._budget, self.why = clock.perf_counter(), Budgeted(target.budget, comm), ""
-        self.aim = target.error
+        self.aim = settings.goal
 
     def next(self, simulation, watch, done):
         """Exit status and None, or None and how to cut the cells of the mesh. *Collective.*
@@ -82,7 +82,9 @@ class Decision:
         step : tuple or None
             ``plan`` and ``step`` of :class:`pcontact.adapt.degree.Tried`.
         """
-        goal = self._target.error
+        self._settings.follow(done)
+        goal = self._settings.goal
+        self.aim = goal if self._target.best else self.aim
         if done.error <= goal:
             self.why = "reached"
             return REACHED, None
@@ -127,7 +129,7 @@ class Decision:
     def _look_at_what_stays(self, done):
         """Why the target cannot be reached, where no mesh takes away what it takes; else empty. Then meshes are made
         for what can be reached."""
-        stays, goal = sum(done.parts.get(name, 0.0) for name in self._settings.staying), self._target.error
+        stays, goal = sum(done.parts.get(name, 0.0) for name in self._settings.staying), self._settings.goal
         # no mesh is made for less than this share
         if stays < goal * (1.0 - AIM * SHARE):
             self.aim = goal
@@ -156,8 +158,9 @@ class Decision:
         return self.wanted(done, trust, MEASURED[done.known.dim, done.degree][0], aim)
 
     def _spent(self, why):
-        self.why = f"not reached: {why}"
-        return SPENT, None
+        # the least error that the budget allows is there
+        self.why = why if self._target.best else f"not reached: {why}"
+        return REACHED if self._target.best else SPENT, None
 
     def expected(self, done, step):
         """What is expected of the pass after a pass whose cells are cut: its `next`."""
@@ -218,7 +221,7 @@ class Decision:
         # what is more than a third is refined
         stays += min(done.parts.get("load_steps", 0.0) + done.parts.get("settings", 0.0), THIRD * goal)
         falls, loads = sum(done.parts.get(name, 0.0) for name in self._settings.falling), done.parts.get("loads", 0.0)
-        falls -= loads if loads <= NOTICED * self._target.error else 0.0
+        falls -= loads if loads <= NOTICED * self._settings.goal else 0.0
         falls += (more**done.power - 1.0) * done.parts["mesh"]
         part = min(aim * max(goal - stays, share) / falls, 1.0)
         part = part ** (1.0 / (trust or self._trust(done)))
@@ -268,7 +271,7 @@ class Decision:
         make bodies of another shape."""
         if self._settings.staying or len(self._passes) < 2:
             return True
-        return max(self._passes[-2].parts.get(name, 0.0) for name in FACETS) <= SHARE * self._target.error
+        return max(self._passes[-2].parts.get(name, 0.0) for name in FACETS) <= SHARE * self._settings.goal
 
     def _alike(self):
         """Number of passes with the degree of the last one."""

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pcontact.adapt.budget import FOLLOWERS, POWER
+from pcontact.adapt.budget import FOLLOWERS, POWER, costs
 from pcontact.adapt.passes import memory_each
 from pcontact.adapt.sizes import Contributions, next_cuts
 from pcontact.runtime.petsc import MPI
@@ -106,7 +106,7 @@ def forecast(comm, passes, squares, part, whole=False, most=MOST, degree=None, c
         # neighbours of cells that are cut follow: the first time most of them
         unknowns.append((1.0 if whole else followers) * last.unknowns * growth)
     grown = [(one / last.unknowns) ** POWER for one in unknowns]
-    fixed, rest = _costs(passes)
+    fixed, rest = costs(passes)
     seconds = sum(fixed + rest * one for one in grown) + sum(one.trials for one in passes)
     memory = last.memory + memory_each(passes) * (max(unknowns) - last.unknowns)
     return Forecast(unknowns, float(seconds), float(memory), last.degree)
@@ -117,14 +117,3 @@ def _followers(passes):
     if len(passes) < 2 or passes[-2].next is None or passes[-2].next.get("divided"):
         return FOLLOWERS
     return max(passes[-1].unknowns / passes[-2].next["unknowns"], 1.0)
-
-
-def _costs(passes):
-    """Seconds of a pass that do not grow, and those of the last one that grow with the unknowns."""
-    last = passes[-1]
-    spent = [one.seconds - one.trials for one in passes]
-    if len(passes) < 2 or last.unknowns <= passes[0].unknowns:
-        return 0.0, spent[-1]
-    first = (passes[0].unknowns / last.unknowns) ** POWER
-    rest = min(max((spent[-1] - spent[0]) / (1.0 - first), 0.0), spent[-1])
-    return spent[-1] - rest, rest

@@ -3,6 +3,7 @@
 import gc
 import shutil
 import time as clock
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -11,7 +12,7 @@ from pcontact.adapt.decision import FAILED, REACHED, SPENT, Decision
 from pcontact.adapt.degree import Tried
 from pcontact.adapt.kept import keep
 from pcontact.adapt.measure import Measure
-from pcontact.adapt.passes import report, table
+from pcontact.adapt.passes import ended, line, report
 from pcontact.adapt.refining import Refining
 from pcontact.adapt.settings import Settings
 from pcontact.adapt.watch import Beginning, Watch
@@ -93,7 +94,7 @@ class Loop:
         self.scene, self.comm, self.said, self.target = scene, comm, said, scene.accuracy
         self._take, self._observers, self._fields, options = take, observers, fields, Options(said)
         self.passes, self.best, self.mesh = [], 0, None
-        self._kept, self._records, self._section = None, None, {}
+        self._kept, self._records, self._section, self._said = None, None, {}, set()
         self._settings = Settings(scene, self.target, options, comm.size)
         self._refining = Refining(comm, self._settings, options)
         self._measure = Measure(self.target, self._settings, self.passes, options)
@@ -189,8 +190,11 @@ class Loop:
         mesh = known = None
         while True:
             scene, begun = self._settings.scene(), clock.perf_counter()
+            # the lines of the first one tell what is modelled, those of others the same
+            terse = nullcontext() if self.target.details or not self.passes else log.terse(self._said)
             try:
-                simulation, watch, converged = self._run(scene, mesh, known, directory)
+                with terse:
+                    simulation, watch, converged = self._run(scene, mesh, known, directory)
             except (InputError, SolverError) as error:
                 # what a finer mesh is not solved with takes nothing from the passes before
                 if not self.passes:
@@ -213,8 +217,7 @@ class Loop:
             if status is None:
                 mesh, known, status = self._onward(simulation, watch, done, step)
             done.seconds = clock.perf_counter() - begun
-            for line in table(self.passes, self.target, self._decision.why if status is not None else ""):
-                log.info("%s", line)
+            log.info("%s", line(self.passes, self.target))
             self._look_at(simulation, converged, status)
             simulation.free()
             if status is not None:
@@ -223,7 +226,8 @@ class Loop:
     def _look_at(self, simulation, converged, status):
         """Keep a pass where it is the best one so far. *Collective.*"""
         done, number = self.passes[-1], len(self.passes)
-        best = status == REACHED or not self.best or done.error < self.passes[self.best - 1].error
+        reached = status == REACHED and not self.target.best
+        best = reached or not self.best or done.error < self.passes[self.best - 1].error
         if best:
             self.best, self.mesh, self._records = number, simulation.mesh, simulation.records
             self._tell(status)
@@ -235,8 +239,9 @@ class Loop:
         """Exit status and failure; the report of the best pass has all passes. *Collective.*"""
         if 0 < self.best < len(self.passes) and not self._looks_ahead:
             self._tell(status)
-            least = 100.0 * self.passes[self.best - 1].error
-            log.info("the best answer is that of pass %d: error %.3g %% of %s", self.best, least, self.target.of)
+        if self.passes and not self._looks_ahead:
+            why = self._decision.why if failure is None else "the next mesh was not solved"
+            log.info("%s", ended(self.passes, self.best, self.target, why))
         return status, failure
 
     def _onward(self, simulation, watch, done, step):

@@ -56,10 +56,10 @@ class Measure:
         norm = watch.norm if watch.norm > 0.0 else 1.0
         estimate, size, found, part = watch.absolute / norm, norm, None, 1.0
         beside = {"algebraic": watch.algebraic / norm}
-        loads, forces = simulation.error_estimate.of_loads(watch.time, 0.5 * NOTICED * self._target.error * norm)
+        loads, forces = simulation.error_estimate.of_loads(watch.time, 0.5 * NOTICED * self._settings.goal * norm)
         beside["loads"] = loads / norm
         if self._target.quantity == "energy":
-            far = estimate / known.least > self._target.error
+            far = estimate / known.least > self._settings.goal
             part = self._seen.part(simulation, watch, far, norm * self._of_other_steps())
             estimate /= part
         else:
@@ -147,7 +147,7 @@ class Measure:
 
     def _add_loads(self, comm, watch, forces, parts):
         """Let the indicators have cells whose loads are integrated badly, by their share. *Collective.*"""
-        if parts["loads"] <= THIRD * self._target.error:
+        if parts["loads"] <= THIRD * self._settings.goal:
             return
         own = np.concatenate([np.zeros(0), *forces])
         sums = comm.allreduce(np.array([own.sum(), watch.squares.sum()]), op=MPI.SUM)
@@ -158,7 +158,7 @@ class Measure:
         """Let the indicators have cells whose facets come nearer to the geometry when they are cut, by their share:
         what a facet is off is of the degree of the cells, and so falls as their squares do. *Collective.*"""
         large = sum(parts.get(name, 0.0) for name in FACETS)
-        if self._settings.staying or large <= THIRD * self._target.error:
+        if self._settings.staying or large <= THIRD * self._settings.goal:
             return
         mesh, own = simulation.mesh, np.zeros(len(watch.squares))
         first = np.cumsum([0] + [len(block.nodes) for block in mesh.blocks])

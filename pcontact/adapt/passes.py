@@ -4,6 +4,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from pcontact.scene.target import BEST
+
 # [bytes] That an unknown more takes, by the dimension, where it has not been measured; and growth of the memory that
 # tells it. From: scenes of named_error.py with 20,000 to 76,000 unknowns took 3,900 to 5,000, 10,600; interpreter and
 # compiled kernels grow by less than that.
@@ -89,31 +91,45 @@ def said_of(part):
     return NAMES[part]
 
 
-def table(passes, target, why=""):
-    """Lines for the terminal: the last pass, and at the end why it is the last one.
+def line(passes, target):
+    """A line for the terminal: the last pass, and what has most of its error.
 
     Parameters
     ----------
     passes : list of Pass
     target : pcontact.scene.target.Target
-    why : str
-        Empty: there is another one.
     """
     last = passes[-1]
     parts = ", ".join(f"{name.replace('_', ' ')} {100.0 * value:.2g} %" for name, value in last.parts.items()
                       if value > 0.0)  # fmt: skip
-    line = (
-        f"pass {len(passes)}  {last.unknowns} unknowns  error {100.0 * last.error:.3g} % of {target.of} "
-        f"(target {100.0 * target.error:.3g} %: {parts})  {last.seconds:.1f} s  "
-    )
-    if why:
-        return [f"{line}{why}"]
-    if last.next["unknowns"] is None:
-        return [f"{line}next: the same mesh with degree {last.next['degree']}"]
-    coming = f"next: about {last.next['unknowns']:.3g} unknowns, mesh {100.0 * last.next['mesh']:.2g} %"
-    if last.next["load_steps"] != last.steps:
-        coming += f", {last.next['load_steps']} load steps"
-    return [f"{line}{coming}"]
+    most = max(last.parts, key=last.parts.get)
+    most = f"{said_of(most)}: {100.0 * last.parts[most]:.2g} %" if len(last.parts) > 1 else ""
+    return (f"pass {len(passes)}  {last.unknowns} unknowns  degree {last.degree}  error {100.0 * last.error:.3g} % of "
+            f"{target.of} ({parts if target.details else most})  {last.seconds:.1f} s")  # fmt: skip
+
+
+def ended(passes, number, target, why):
+    """The last line: what has been found, how exactly, for what, and what half the error would take.
+
+    Parameters
+    ----------
+    passes : list of Pass
+    number : int
+        Of the best one, from 1.
+    target : pcontact.scene.target.Target
+    why : str
+        Why there is no other pass.
+    """
+    best, seconds = passes[number - 1], sum(one.seconds for one in passes)
+    named = f"{100.0 * best.error:.3g} %"
+    if best.quantity is not None:
+        value = best.quantity["value"]
+        found = f"{target.of} = {value:.5g} +- {abs(value) * best.error:.2g} ({named})"
+    else:
+        found = f"{target.of}: error {named}"
+    half = seconds + cost_of(passes, 0.5 * best.error)["seconds"]
+    of = "" if number == len(passes) else f" (of pass {number})"
+    return f"{found}{of}, {len(passes)} passes, {seconds:.2g} s; half the error would take about {half:.2g} s; {why}"
 
 
 def report(passes, number, target, reached):
@@ -129,11 +145,11 @@ def report(passes, number, target, reached):
     """
     best = passes[number - 1]
     return {
-        "target": {"error": target.error, "of": target.of}, "reached": reached, "error": best.error,
-        "expected": best.expected, "estimate": best.estimate, "parts": best.parts,
+        "target": {"error": BEST if target.best else target.error, "of": target.of}, "reached": reached,
+        "error": best.error, "expected": best.expected, "estimate": best.estimate, "parts": best.parts,
         "effectivity": {"least": best.known.least, "most": best.known.most, "of": best.known.words},
         **({} if best.quantity is None else {"quantity": best.quantity}), "rate": rate(passes),
-        "half": cost_of(passes, 0.5 * best.error), "target_cost": cost_of(passes, target.error),
+        "half": cost_of(passes, 0.5 * best.error), "target_cost": cost_of(passes, target.error or 0.5 * best.error),
         "best": number, "passes": [one.report() for one in passes],
     }  # fmt: skip
 

@@ -238,8 +238,8 @@ class Secondary:
         size : float
             What errors are divided by.
         """
-        begun, target, told, self._finer = clock.perf_counter(), self._target, self._told, None
-        large = told is not None and sum(self._now(told, done).values()) > THIRD * target.error
+        begun, told, self._finer = clock.perf_counter(), self._told, None
+        large = told is not None and sum(self._now(told, done).values()) > THIRD * self._settings.goal
         # degree 1 sees less of curved facets
         if told is None or large or done.degree != told.degree or done.unknowns > COARSER * told.unknowns:
             told = self._told = self._measured(simulation, watch, done, size)
@@ -299,7 +299,7 @@ class Secondary:
             return moved / (1.0 - times**-STEPS_RATE) if times >= AGAIN else moved
 
         moved = change(*variants)
-        if abs(moved) <= THIRD * self._target.error or len(variants) == 1 and np.isfinite(moved):
+        if abs(moved) <= THIRD * self._settings.goal or len(variants) == 1 and np.isfinite(moved):
             name = ALL if len(variants) > 1 else next(iter(variants))
             return Told.by(done, {name: abs(moved)}, moved)
         parts, toward = {}, 0.0
@@ -318,7 +318,7 @@ class Secondary:
         if not self._settings.staying or not free or simulation.problem.linear or not bent(simulation):
             return {}
         degree, target, curved = simulation.problem.space.degree, self._target, simulation.mesh.curved
-        if degree == 1 and self._settings.degree.is_open and done.parts["mesh"] > target.error:
+        if degree == 1 and self._settings.degree.is_open and done.parts["mesh"] > self._settings.goal:
             return None
         simulation.close()
         name, scene = "curved_facets" if curved else "straight_facets", self._settings.scene()

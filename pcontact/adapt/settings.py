@@ -9,6 +9,7 @@ from pcontact.runtime.petsc import MOST_UNKNOWNS
 from pcontact.scene.amplitude import corners
 from pcontact.scene.keys import options as key_options
 from pcontact.scene.model import MeshSpec
+from pcontact.scene.target import SMALLEST
 from pcontact.stepping.schedule import filled
 
 # [-] Part of the target that the mesh has at least, and tolerances at most. From: chosen.
@@ -56,6 +57,9 @@ FACTORISED = MOST_UNKNOWNS[2]
 ALONE = 30_000
 # [load steps] Times as many at once at most. From: chosen.
 MORE_STEPS = 4
+# [-] The error that the first mesh is made for where it is to be the least one, and part of the error of a pass that
+# the next one is. From: chosen; cells of degree 2 in the plane are four times as many then.
+BEST_FIRST, BEST_PART = 0.05, 0.25
 
 
 class Settings:
@@ -73,6 +77,8 @@ class Settings:
     ----------
     steps : int
         Load steps.
+    goal : float
+        The target; where it is the least error that the budget allows, a part of that of the last pass.
     searches : bool
         Whether partners are searched in the iterations of Newton's method.
     degree : pcontact.adapt.degree.Degree
@@ -83,10 +89,11 @@ class Settings:
     def __init__(self, scene, target, options, ranks=1):
         self._scene, self._target, self._ranks = scene, target, ranks
         self.steps, self.searches = scene.steps.count, False
+        self.goal = target.error or BEST_FIRST
         # new nodes lie on the facets of the first mesh, unless the geometry is known
         self.falling, self.staying = (FALLING, FACETS) if scene.mesh.geometry is None else (FALLING + FACETS, ())
         most = MOST_RTOL if target.quantity in ("energy", "pressure") else MOST_RTOL_OF_NUMBERS
-        self._rtol = float(np.clip(FIRST_RTOL * target.error, LEAST_RTOL, most))
+        self._rtol = float(np.clip(FIRST_RTOL * self.goal, LEAST_RTOL, most))
         self.degree = Degree(options.get(key_options(MeshSpec)["order"], scene.mesh.order))
 
     def scene(self):
@@ -97,7 +104,7 @@ class Settings:
         scene.contacts = [replace(one, traction=one.traction or "source") for one in scene.contacts]
         scene.output.estimate, scene.steps.count, scene.mesh.order = True, self.steps, self.degree.now or 1
         # looser partners and tolerances than the mesh deserves are no place to save
-        partners = (0.1 if self.searches else 1.0) * PARTNERS * self._target.error
+        partners = (0.1 if self.searches else 1.0) * PARTNERS * self.goal
         ours = {"snes_rtol": f"{self._rtol:.3g}", PARTNER_RTOL: f"{partners:.3g}", "pc_direct_below": str(FEW)}
         if self._scene.remembers:
             # what flows hardly changes its volume, and what rubs has iterates that hang on each solve: multigrid takes
@@ -116,6 +123,11 @@ class Settings:
         scene = self.scene()
         scene.steps.count, scene.mesh.order = done.steps, done.degree
         return scene
+
+    def follow(self, done):
+        """Take a part of the error of a pass as the goal, where it is to be the least one."""
+        if self._target.best:
+            self.goal = max(BEST_PART * done.error, SMALLEST)
 
     def balance(self, done, aim, most=MORE_STEPS):
         """Spend on load steps, searches and tolerances where a pass says that they are large beside what is wanted.

@@ -174,6 +174,23 @@ def quiet():
         _State.speaks, _State.warnings = kept
 
 
+@contextmanager
+def terse(said):
+    """While this lasts warnings alone are shown, each text once that is not in a set, which grows by them."""
+
+    def shown(record):
+        text = record.getMessage()
+        new = record.levelno >= logging.WARNING and text not in said
+        said.update([text] * new)
+        return new
+
+    LOGGER.addFilter(shown)
+    try:
+        yield
+    finally:
+        LOGGER.removeFilter(shown)
+
+
 def info(message, *args):
     """Log a line, ``message % args``."""
     LOGGER.info(message, *args)

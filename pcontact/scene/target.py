@@ -18,6 +18,8 @@ TIMES = {"": 1.0, "s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
 # [-] An error of more than half is none; one below the other is out of reach of load steps and tolerances.
 # From: chosen.
 LARGEST, SMALLEST = 0.5, 1e-6
+# the least error that the budget allows
+BEST = "best"
 
 
 def _number(value, units):
@@ -28,6 +30,11 @@ def _number(value, units):
     if found is None or found[2].lower() not in units:
         raise ValueError
     return float(found[1]) * units[found[2].lower()]
+
+
+def _error(value):
+    """A part, or 0 for the word `BEST`."""
+    return 0.0 if value == BEST or (type(value) is float and value == 0.0) else SHARE.accept(value)
 
 
 def _measured(units, allowed, rule):
@@ -45,6 +52,7 @@ SHARE = _measured(
     {"": 1.0, "%": 0.01}, f"a part, as 0.02 or 2%, from {SMALLEST:g} to {LARGEST:g}",
     number(least=SMALLEST, most=LARGEST),
 )  # fmt: skip
+ERROR = Rule(f"{SHARE.allowed}, or {BEST}: the least that the budget allows", _error, SHARE.schema)
 QUANTITY = Rule(OF, _of, {"type": "string"})
 COUNT = _measured({"": 1.0}, "a number >= 1", number(least=1))
 MEMORY = _measured(SIZES, "a number of bytes, or as 16GB", number(above=0))
@@ -77,7 +85,7 @@ class Budget:
 class Target:
     """An error to reach, by refining the mesh where it pays."""
 
-    error: float = key(SHARE, "relative error to reach", option="error", said=_worded(SHARE))
+    error: float = key(ERROR, "relative error to reach", option="error", said=_worded(ERROR))
     of: str = key(
         QUANTITY, "what it is the error of", default="energy", option="error_of", said=_worded(QUANTITY),
         more="the energy norm of the displacement, or a contact's force, a support's force, the mean displacement of a "
@@ -87,7 +95,21 @@ class Target:
         BOOLEAN, "the estimate on the last mesh, that mesh, and the errors of all meshes are drawn beside the results",
         default=False, option="error_pictures",
     )  # fmt: skip
+    details: bool = key(
+        BOOLEAN, "all lines of all meshes are shown, and what the error of each consists of", default=False,
+        option="error_details",
+    )  # fmt: skip
     budget: Budget = field(default_factory=Budget)
+
+    @property
+    def words(self) -> str:
+        """The error as a scene file has it."""
+        return BEST if self.best else f"{self.error:g}"
+
+    @property
+    def best(self) -> bool:
+        """Whether it is the least error that the budget allows; `error` is 0 then."""
+        return self.error == 0.0
 
     @property
     def quantity(self) -> str:

@@ -42,7 +42,7 @@ from pcontact.scene.orthotropic import indefinite, parallel
 from pcontact.scene.phases import PHASED, acts, begun, come_and_go, scene_of
 from pcontact.scene.places import place, tables
 from pcontact.scene.prescribed import expressions
-from pcontact.scene.target import AXES, Budget, Target
+from pcontact.scene.target import AXES, BEST, Budget, Target
 
 ALIKE = 0.5  # likeness of two file names above which one may be meant by the other
 ALIKE_MODULI = 1e-3  # relative difference of Young's modulus and that of the terms of rubber
@@ -409,6 +409,9 @@ def check_component(scene: Scene, dim: int) -> None:
 
 def _target(scene, target) -> Found:
     """An error to reach is estimated, and of something that is there."""
+    budget = target.budget
+    if target.best and budget.unknowns is budget.memory is budget.time is None:
+        yield "error", f'"{BEST}" without a budget', "unknowns, memory or time in accuracy.budget"
     found = [f"finite strain (body {body.region})" for body in scene.bodies if scene.finite(body)]
     found += ["phases"] if scene.phases else _unestimated(scene)
     found += [f"{place('temperatures', k, one.region)}.file, of nodes that other meshes do not have"
@@ -429,7 +432,7 @@ def _target(scene, target) -> Found:
             known = "false: facets that are cut are pieces of what they stand for"
             found.append((f"smooth_geometry = true (contact {c.name})", known))
     for words, known in found:
-        yield "error", f"{target.error:g} together with {words}", known
+        yield "error", f"{target.words} together with {words}", known
     known = known_names(scene).get(target.quantity)
     if known is not None and target.of_known(known)[0] not in known:
         words = [f"{target.quantity}:{name}" for name in known]

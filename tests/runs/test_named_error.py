@@ -175,6 +175,26 @@ def test_a_budget_that_is_spent(shared_tmp, recwarn):
     assert np.concatenate(result.bodies.cell_data["error_estimate"]).shape == (run.report["cells"],)
 
 
+@pytest.mark.parametrize("details", [False, True])
+def test_the_least_error_that_a_budget_allows(tmp_path, details):
+    """The last mesh fills it, and the last line says what has been found; one line a pass, unless all are asked for."""
+    punch(tmp_path / "punch.msh", h=0.5)
+    (tmp_path / "scene.toml").write_text(SCENE)
+    words = ["-error", "best", "-error_of", "force:face.y", "-error_unknowns", "2000", "-error_details", str(details)]
+    run = execute(tmp_path, ["run", "scene.toml", *words, "-o", "out"])
+    assert run.returncode == REACHED
+    section = json.loads((tmp_path / "out" / "report.json").read_text())["accuracy"]
+    last, count = section["passes"][-1], len(section["passes"])
+    assert section["reached"] and section["target"] == {"error": "best", "of": "force:face.y"}
+    assert 1400 < last["unknowns"] <= 2000 and section["error"] == min(one["error"] for one in section["passes"]) < 5e-3
+    lines = run.stdout.splitlines()
+    assert sum(line.startswith("pass ") for line in lines) == count
+    assert sum(line.startswith("step ") for line in lines) == (count if details else 1)
+    (end,) = (line for line in lines if line.startswith("force:face.y = "))
+    found = r"force:face.y = 0.009\d+ \+- [\de.-]+ \(.* %\), \d passes, .* s; half the error would take .* s; (.*)"
+    assert re.fullmatch(found, end)[1] == "the budget is spent (unknowns)"
+
+
 @pytest.mark.parallel
 @pytest.mark.parametrize("order", [1, None])
 def test_the_mesh_stays(shared_tmp, order):

@@ -141,6 +141,10 @@ CASES = {
         [r"contacts\[0\] \(pair\)\.targte", "unknown key", "'target'", "allowed"],
         scene=swapped("target =", "targte ="),
     ),
+    "least error without a budget": Case(
+        [r"accuracy\.error", '"best" without a budget', "allowed: unknowns, memory or time"],
+        scene='accuracy = { error = "best" }\n' + SCENE,
+    ),
     "no accuracy": Case(
         [r"accuracy\.error", "0.9", "allowed: a part, as 0.02 or 2%"], scene="accuracy = { error = 0.9 }\n" + SCENE
     ),

@@ -98,7 +98,7 @@ FEATURES = {
 }
 KEYS = {
     "Scene": {ANY: "title allow_unsafe", "an error to reach": "accuracy"},
-    "Target": {"an error to reach": "error of pictures"},
+    "Target": {"an error to reach": "error of pictures details"},
     "Budget": {"an error to reach": "unknowns memory time"},
     "MeshSpec": {
         ANY: "file order kinematics", "mean dilatation": "mean_dilatation", "serendipity": "serendipity",

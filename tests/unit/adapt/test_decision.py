@@ -35,7 +35,8 @@ def asked(second, explain=False, parts=(1.0, 1.0), first=0.4, edges=None):
     passes[0].part, passes[1].part = parts
     passes[0].next = {"unknowns": 100.0, "mesh": 0.1, "load_steps": 1, "degree": 2}
     refining = Recorder(whole=False, corners=SimpleNamespace(explain=explain, wall=None, edges=edges))
-    settings = SimpleNamespace(staying=(), falling=("mesh",), steps=1, balance=lambda *_: None)
+    settings = SimpleNamespace(staying=(), falling=("mesh",), steps=1, goal=0.01, balance=lambda *_: None,
+                               follow=lambda _: None)  # fmt: skip
     decision = Decision(Target(0.01), settings, passes, refining, MPI.COMM_SELF)
     simulation = SimpleNamespace(problem=SimpleNamespace(space=SimpleNamespace(dim=3)))
     status, _ = decision.next(simulation, SimpleNamespace(squares=np.ones(1)), passes[-1])
@@ -80,7 +81,8 @@ def grown(squares, unknowns, error=0.1, of="energy"):
     known = Range(1.0, 2.0, "", 2)
     done = Pass(unknowns, 50, 2, error, known, {"mesh": error, "algebraic": 0.0}, error, seconds=1.0, memory=1e8)
     refining = Growing(whole=False, corners=SimpleNamespace(explain=False, wall=None))
-    settings = SimpleNamespace(staying=(), falling=("mesh",), steps=1, balance=lambda *_: None)
+    settings = SimpleNamespace(staying=(), falling=("mesh",), steps=1, goal=0.02, balance=lambda *_: None,
+                               follow=lambda _: None)  # fmt: skip
     decision = Decision(Target(0.02, of), settings, [done], refining, MPI.COMM_SELF)
     simulation = SimpleNamespace(problem=SimpleNamespace(space=SimpleNamespace(dim=2, comm=MPI.COMM_SELF)))
     return decision.next(simulation, SimpleNamespace(squares=squares), done)[1][1].cuts.growth
@@ -100,8 +102,8 @@ def test_the_best_that_facets_leave_is_reached(error, status):
     parts = {"mesh": error - 0.04, "algebraic": 0.0, "curved_facets": 0.04}
     done = Pass(100, 50, 2, error, Range(1.0, 2.0, "", 3), parts, error, seconds=1.0, memory=1e8)
     refining = Recorder(whole=False, corners=SimpleNamespace(explain=False, wall=None))
-    settings = SimpleNamespace(staying=("curved_facets",), falling=("mesh",), steps=1,
-                               balance=lambda *_: None)  # fmt: skip
+    settings = SimpleNamespace(staying=("curved_facets",), falling=("mesh",), steps=1, goal=0.02,
+                               balance=lambda *_: None, follow=lambda _: None)  # fmt: skip
     decision = Decision(Target(0.02), settings, [done], refining, MPI.COMM_SELF)
     simulation = SimpleNamespace(problem=SimpleNamespace(space=SimpleNamespace(dim=3)))
     assert decision.next(simulation, SimpleNamespace(squares=np.ones(1)), done)[0] == status

@@ -32,6 +32,7 @@ def told(sheared, error, of="energy"):
     target = Target(error, of)
     size = watch.norm if of == "energy" else 1.0
     done = Pass(simulation.problem.space.n_dofs, 30, 1, 0.2, None, {"mesh": 0.2, "algebraic": 0.0}, steps=4)
+    settings.goal = error
     secondary = Secondary(target, settings)
     return secondary, secondary.parts(simulation, watch, done, size), done, size
 

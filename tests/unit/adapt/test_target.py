@@ -38,6 +38,13 @@ def test_of_the_command_line(tmp_path, text):
     assert found.accuracy.name == "pair" and found.accuracy.budget.memory == 2.0**31
 
 
+def test_the_least_error(tmp_path):
+    found = asked(scene_of(tmp_path), {"error": "best", "error_time": "1min"}).accuracy
+    assert found.best and found.words == "best" and found.budget.time == 60.0
+    text = 'accuracy = { error = "best", budget = { unknowns = 1e4 } }'
+    assert asked(scene_of(tmp_path, text), {}).accuracy.best and not Target(0.1).best
+
+
 def test_of_the_scene(tmp_path):
     text = 'accuracy = { error = "1%", of = "support:upper_top", budget = { unknowns = 2e6, time = "10 min" } }'
     scene = scene_of(tmp_path, text)
