@@ -279,11 +279,10 @@ class Decision:
 
     def _stalls(self):
         """Whether the last meshes have brought nothing."""
-        # the error of a pressure falls irregularly: waves along a contact come and go with how its facets meet
-        back = 3 if self._target.quantity == "pressure" else 2
-        if self._alike() < PATIENCE + back - 2:
+        if self._alike() < PATIENCE:
             return False
-        old, new = self._passes[-back], self._passes[-1]
+        # errors fall irregularly: one mesh that has brought nothing says little
+        old, new = self._passes[-PATIENCE], self._passes[-1]
         same = old.steps == new.steps and old.degree == new.degree
         # points that have just been found explain why the last mesh was not the one it should have been
         same &= not self._refining.corners.explain

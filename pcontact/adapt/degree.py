@@ -19,7 +19,8 @@ def work(done, error):
     float
     """
     rate = done.power * done.degree / done.known.dim
-    return done.entries * max(done.parts["mesh"] / error, 1.0) ** (1.0 / rate)
+    # without margins, which the change from one degree to the other makes large
+    return done.entries * max(done.expected / error, 1.0) ** (1.0 / rate)
 
 
 def cheaper(lower, higher, error):

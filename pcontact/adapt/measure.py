@@ -88,6 +88,8 @@ class Measure:
         done.error = sum(done.parts.values())
         if found is not None:
             done.quantity = self._quantity(found, likely, toward * size)
+            if self._seen.told:
+                done.quantity["told_by"] = self._seen.told
             found = found._replace(error=likely)
         done.expected = self._expected(done, found, toward, size)
         return done

@@ -5,7 +5,21 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pcontact.adapt.seen import ALIKE, EXPECTED, LEAST, Parts, State, between, fallen, left_after, likely_after, part_of
+from pcontact.adapt.seen import (
+    ALIKE,
+    EXPECTED,
+    LEAST,
+    Parts,
+    Seen,
+    State,
+    between,
+    fallen,
+    left_after,
+    likely_after,
+    part_of,
+)
+from pcontact.estimate.goal import GoalError
+from pcontact.scene.target import Target
 
 
 @pytest.mark.parametrize("part", [0.4, 0.9])
@@ -80,3 +94,21 @@ def test_errors_of_quantities_that_fall():
     coarse, fine = State(100, 2, 2, 0.3, 1.0), State(200, 2, 2, 0.01, 1.0)
     assert fallen(coarse, fine) == pytest.approx(0.25)
     assert fallen(coarse, fine._replace(estimate=0.3)) == fallen(coarse._replace(estimate=0.0), coarse) == ALIKE**2
+
+
+@pytest.mark.parametrize("foretold, told", [(0.05, "dual problem"), (0.01, "dual problem and meshes")])
+def test_a_change_that_no_dual_problem_has_foretold_counts(foretold, told):
+    """From one mesh to the next a force grows by 0.04: with an error of 0.01 left, 0.05 or 0.01 had been said before."""
+    simulation = SimpleNamespace(scene=SimpleNamespace(plastic=False))
+    seen = Seen(Target(0.1, "force:face"), None, None)
+
+    def found(value, error, unknowns, estimate):
+        simulation.problem = SimpleNamespace(space=SimpleNamespace(n_dofs=unknowns, degree=2, dim=2))
+        simulation.error_estimate = SimpleNamespace(over_steps=estimate)
+        return seen.error(simulation, GoalError(value, error, []))
+
+    assert found(1.0, foretold, 100, 0.2) == (foretold, foretold) and seen.told == "dual problem"
+    left, likely = found(1.04, 0.01, 200, 0.12)
+    assert seen.told == told and likely == 0.01
+    part = max(0.12**2 / 0.2**2, 0.25)
+    assert left == pytest.approx(0.01 if foretold == 0.05 else 0.04 * part / (1.0 - part)) and not seen.by_meshes
