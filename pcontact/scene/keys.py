@@ -57,6 +57,8 @@ class Key:
         Conditions under which it is not set, and why.
     one_of, any_of : tuple of str
         Of this key and these exactly one, or at least one, is set.
+    in_space : str
+        Condition under which the key is set with a mesh in space, and not with one in the plane.
     group : str or callable
         The key names a group: of "cells", "facets", or "any"; or what says which, of a table.
     """
@@ -75,6 +77,7 @@ class Key:
     unless: Mapping[str, str] = dataclasses.field(default_factory=dict)
     one_of: tuple[str, ...] = ()
     any_of: tuple[str, ...] = ()
+    in_space: str = ""
     group: str | Callable[[Any], str] = ""
 
     @property

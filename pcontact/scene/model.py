@@ -107,9 +107,9 @@ def amplitude(what: str = "factor of the value", timed: bool = False, requires=(
                requires=requires)  # fmt: skip
 
 
-def of_angle(rule: Rule, what: str, unit: str = ""):
+def of_angle(rule: Rule, what: str, unit: str = "", in_space: str = ""):
     """The key for a part of the axis of an angle."""
-    return key(rule, what, default=None, unit=unit, otherwise="must be said", requires=("angle",))
+    return key(rule, what, default=None, unit=unit, otherwise="must be said", requires=("angle",), in_space=in_space)
 
 
 # of a geometry; a file where gmsh's way to read it is told by its name
@@ -247,7 +247,7 @@ class Material:
     )  # fmt: skip
     axis: Sequence[float] | None = key(
         DIRECTION, "with `point`, in space: direction of that axis, of any length", default=None,
-        otherwise="must be said with `point`", requires=("point",),
+        otherwise="must be said with `point`", requires=("point",), in_space="point",
     )  # fmt: skip
 
     @property
@@ -639,7 +639,9 @@ class Displacement:
     point: Sequence[float] | None = of_angle(
         VECTOR, "with `angle`: a point of the axis; in the plane the centre", "length"
     )
-    axis: Sequence[float] | None = of_angle(DIRECTION, "with `angle`, in space: direction of the axis, of any length")
+    axis: Sequence[float] | None = of_angle(
+        DIRECTION, "with `angle`, in space: direction of the axis, of any length", in_space="angle"
+    )
     phases: Sequence[str] | None = phases("it holds")
     absolute: bool = key(
         BOOLEAN, "where it begins with a later phase: `value` counts from the undeformed place", default=False,
@@ -706,7 +708,7 @@ class Load:
     )  # fmt: skip
     axis: Sequence[float] | None = key(
         DIRECTION, "with `angular_speed`, in space: direction of the axis through `point`, of any length", default=None,
-        otherwise="must be said", requires=("angular_speed",),
+        otherwise="must be said", requires=("angular_speed",), in_space="angular_speed",
     )  # fmt: skip
     name: str | None = key(
         TEXT, "with `force` or `moment`: its name in report and history, unique",
@@ -810,7 +812,9 @@ class Periodic:
     point: Sequence[float] | None = of_angle(
         VECTOR, "with `angle`: a point of the axis; in the plane the centre", "length"
     )
-    axis: Sequence[float] | None = of_angle(DIRECTION, "with `angle`, in space: direction of the axis, of any length")
+    axis: Sequence[float] | None = of_angle(
+        DIRECTION, "with `angle`, in space: direction of the axis, of any length", in_space="angle"
+    )
     within: float | None = key(
         POSITIVE, "how far a node may be from where its partner comes to", default=None, unit="length",
         otherwise="1e-4 of the extent of `region`",

@@ -1,10 +1,25 @@
 """The tables of a scene and what they are called in messages."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
+from pcontact.runtime.messages import input_error
 from pcontact.scene.keys import keys
 from pcontact.scene.model import LIST_TABLES, NAMED, OPTIONAL_TABLES, Contact, Equation, Scene
 from pcontact.scene.target import Target
+
+# what is wrong in a table: the key (empty: the table), what was found, what is allowed
+Found = Iterator[tuple[str, str, str]]
+
+
+def refuse(scene: Scene, where: str, found: Iterable[tuple[str, str, str]]) -> None:
+    """Raise the first of what is wrong in the table at a key path.
+
+    Raises
+    ------
+    InputError
+    """
+    for key, what, allowed in found:
+        raise input_error(scene.where, ".".join(filter(None, (where, key))), what, allowed)
 
 
 def place(key: str, index: int, name: object) -> str:

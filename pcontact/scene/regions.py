@@ -8,7 +8,7 @@ import numpy as np
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.messages import input_error, listed, unknown_name
 from pcontact.scene.expression import NORMAL, PLACES, Condition
-from pcontact.scene.keys import keys
+from pcontact.scene.keys import holds, keys
 from pcontact.scene.model import (
     Contact,
     Coupling,
@@ -18,13 +18,12 @@ from pcontact.scene.model import (
     Material,
     MeshSpec,
     Obstacle,
-    Periodic,
     Scene,
     Spring,
     Temperature,
 )
 from pcontact.scene.orthotropic import across_plane
-from pcontact.scene.places import groups_named, place, tables
+from pcontact.scene.places import groups_named, place, refuse, tables
 from pcontact.scene.prescribed import names
 
 # obstacles that are none in the plane; those that have an axis to turn about
@@ -65,99 +64,101 @@ def check_dimension(scene: Scene, dim: int) -> None:
         A vector has another number of entries, 2D kinematics of a 3D mesh, a cylinder in 2D.
     """
     for where, table in tables(scene):
-        for key in (key for key, one in keys(type(table)).items() if one.per_direction):
-            vector = getattr(table, key)
-            if vector is not None and len(vector) != dim:
-                found = f"{len(vector)} entries, {list(vector)}"
-                raise input_error(scene.where, f"{where}.{key}", found, f"{dim} entries, the mesh is {dim}D")
-        if isinstance(table, MeshSpec) and table.kinematics != "plane_strain" and dim == 3:
-            found = f'"{table.kinematics}" with a 3D mesh'
-            raise input_error(scene.where, "mesh.kinematics", found, "no such key, it is for 2D meshes only")
-        if isinstance(table, Material) and table.orthotropic:
-            _check_frame(scene, where, table, dim)
-        if isinstance(table, Spring) and isinstance(table.per_area, tuple) and len(table.per_area) != dim:
-            found = f"{len(table.per_area)} entries, {list(table.per_area)}"
-            raise input_error(scene.where, f"{where}.per_area", found, f"a number, or {dim} entries: it is {dim}D")
-        if isinstance(table, Load) and table.moment is not None and isinstance(table.moment, tuple) != (dim == 3):
-            allowed = "a list of 3 numbers, the mesh is 3D" if dim == 3 else "a number, the mesh is 2D"
-            raise input_error(scene.where, f"{where}.moment", f"{table.moment}", allowed)
-        if isinstance(table, Load) and table.angular_speed is not None and (table.axis is None) != (dim == 2):
-            found = "nothing" if table.axis is None else f"{list(table.axis)} with a 2D mesh"
-            allowed = keys(Load)["axis"].rule.allowed if dim == 3 else "nothing, the axis is known"
-            raise input_error(scene.where, f"{where}.axis", found, allowed)
-        if isinstance(table, Coupling) and table.inertia and isinstance(table.inertia, tuple) != (dim == 3):
-            allowed = "a number >= 0" if dim == 2 else "a list of 3 numbers >= 0"
-            raise input_error(scene.where, f"{where}.inertia", f"{table.inertia}", allowed)
-        turns = isinstance(table, Coupling) and table.rotation is not None
-        if turns and isinstance(table.rotation, tuple) != (dim == 3):
-            allowed = "a list of 3, the mesh is 3D" if dim == 3 else 'a number or "free", the mesh is 2D'
-            raise input_error(scene.where, f"{where}.rotation", f"{table.rotation}", allowed)
-        if isinstance(table, Equation) and dim == 2 and any(way == "z" for _, way, _ in table.terms):
-            raise input_error(scene.where, f"{where}.terms", "direction z with a 2D mesh", "x, y")
-        if isinstance(table, Periodic) and table.angle is not None:
-            _check_axis(scene, f"{where}.axis", table, table.axis, (table.axis is None) == (dim == 2))
-        if isinstance(table, Displacement) and table.angle is not None:
-            _check_turn(scene, where, table, dim)
-        for key in _EXPRESSIONS.get(type(table), ()) if dim == 2 else ():
-            if "z" in names(getattr(table, key)):
-                raise input_error(scene.where, f"{where}.{key}", "z with a 2D mesh", "x, y, t")
-        if isinstance(table, Obstacle):
-            _check_edge(scene, where, table, dim)
-        if isinstance(table, Obstacle) and table.angle is not None:
-            has = table.turn_axis is not None or (dim == 3 and table.shape in AXES)
-            _check_axis(scene, f"{where}.turn_axis", table, table.turn_axis, has == (dim == 3))
-        if isinstance(table, Obstacle) and table.shape in SPATIAL and dim == 2:
-            allowed = '"plane" | "sphere" (a circle) | "punch" | "wedge" | "level_set"'
-            raise input_error(scene.where, f"{where}.shape", f'"{table.shape}" with a 2D mesh', allowed)
+        check = _CHECKS.get(type(table))
+        refuse(scene, where, _of_dimension(scene, table, dim))
+        refuse(scene, where, check(table, dim) if check is not None else ())
 
 
-def _check_frame(scene, where, material, dim):
-    """An axis in space, and none in the plane, across which one of the axes of the material is."""
-    if material.point is not None and (material.axis is None) != (dim == 2):
-        found = "nothing" if material.axis is None else f"{list(material.axis)} with a 2D mesh"
-        allowed = keys(Material)["axis"].rule.allowed if dim == 3 else "nothing, it is across the plane"
-        raise input_error(scene.where, f"{where}.axis", found, allowed)
-    if dim == 2 and not across_plane(*material.frame):
+def _of_dimension(scene, table, dim):
+    """Entries and directions that the mesh does not have, or has and are missing."""
+    for key, one in keys(type(table)).items():
+        value = getattr(table, key)
+        if one.per_direction and value is not None and len(value) != dim:
+            yield key, f"{len(value)} entries, {list(value)}", f"{dim} entries, the mesh is {dim}D"
+        if one.in_space and holds(one.in_space, table, scene) and (value is None) != (dim == 2):
+            yield key, *_one_in_space(value, one, dim)
+    for key in _EXPRESSIONS.get(type(table), ()) if dim == 2 else ():
+        if "z" in names(getattr(table, key)):
+            yield key, "z with a 2D mesh", "x, y, t"
+
+
+def _one_in_space(value, declared, dim):
+    """What is wrong with a direction that is missing in space, or is there in the plane."""
+    found = "nothing" if value is None else f"{list(value)} with a 2D mesh"
+    return found, declared.rule.allowed if dim == 3 else "nothing, it is known in the plane"
+
+
+def _mesh(mesh, dim):
+    if mesh.kinematics != "plane_strain" and dim == 3:
+        yield "kinematics", f'"{mesh.kinematics}" with a 3D mesh', "no such key, it is for 2D meshes only"
+
+
+def _material(material, dim):
+    if material.orthotropic and dim == 2 and not across_plane(*material.frame):
         found = f"{[list(one) for one in material.frame]} with a 2D mesh"
-        raise input_error(scene.where, f"{where}.axes", found, "one of the three axes across the plane, along z")
+        yield "axes", found, "one of the three axes across the plane, along z"
 
 
-def _check_edge(scene, where, obstacle, dim):
-    """The edge of a punch or a wedge in space, square to where it looks; a punch in the plane has a width."""
-    if obstacle.shape == "punch" and obstacle.width is None and dim == 2:
-        raise input_error(scene.where, f"{where}.radius", "a round punch with a 2D mesh", "width")
-    if obstacle.shape != "wedge" and (obstacle.shape != "punch" or obstacle.width is None):
-        return
-    if (obstacle.axis is None) != (dim == 2):
-        found = "nothing" if obstacle.axis is None else f"{list(obstacle.axis)} with a 2D mesh"
-        allowed = keys(Obstacle)["axis"].rule.allowed if dim == 3 else "nothing, the edge is a point"
-        raise input_error(scene.where, f"{where}.axis", found, allowed)
-    if dim == 3:
-        along, across = np.array(obstacle.axis), np.array(obstacle.normal)
-        cosine = abs(along @ across) / (np.linalg.norm(along) * np.linalg.norm(across))
-        if cosine > SQUARE:
-            found = f"{list(obstacle.axis)}, at {np.degrees(np.arccos(min(cosine, 1.0))):.6g} degrees with normal"
-            raise input_error(scene.where, f"{where}.axis", found, "a direction square to normal")
+def _spring(spring, dim):
+    if isinstance(spring.per_area, tuple) and len(spring.per_area) != dim:
+        found = f"{len(spring.per_area)} entries, {list(spring.per_area)}"
+        yield "per_area", found, f"a number, or {dim} entries: it is {dim}D"
 
 
-def _check_axis(scene, where, table, axis, fits):
-    """An axis in space and none in the plane."""
-    if not fits:
-        found = "nothing" if axis is None else f"{list(axis)} with a 2D mesh"
-        allowed = keys(type(table))["axis"].rule.allowed if axis is None else "nothing, it turns about the point"
-        raise input_error(scene.where, where, found, allowed)
+def _load(load, dim):
+    if load.moment is not None and isinstance(load.moment, tuple) != (dim == 3):
+        allowed = "a list of 3 numbers, the mesh is 3D" if dim == 3 else "a number, the mesh is 2D"
+        yield "moment", f"{load.moment}", allowed
 
 
-def _check_turn(scene, where, displacement, dim):
-    """An axis in space and none in the plane; components that the turn changes are prescribed."""
-    _check_axis(scene, f"{where}.axis", displacement, displacement.axis, (displacement.axis is None) == (dim == 2))
-    axis = np.zeros(3) if dim == 2 else np.abs(displacement.axis)
-    for direction, entry in enumerate(displacement.value):
+def _coupling(coupling, dim):
+    if coupling.inertia and isinstance(coupling.inertia, tuple) != (dim == 3):
+        yield "inertia", f"{coupling.inertia}", "a number >= 0" if dim == 2 else "a list of 3 numbers >= 0"
+    if coupling.rotation is not None and isinstance(coupling.rotation, tuple) != (dim == 3):
+        allowed = "a list of 3, the mesh is 3D" if dim == 3 else 'a number or "free", the mesh is 2D'
+        yield "rotation", f"{coupling.rotation}", allowed
+
+
+def _equation(equation, dim):
+    if dim == 2 and any(way == "z" for _, way, _ in equation.terms):
+        yield "terms", "direction z with a 2D mesh", "x, y"
+
+
+def _displacement(item, dim):
+    """Components that a turn changes are prescribed."""
+    axis = np.abs(item.axis) if item.angle is not None and dim == 3 else np.zeros(3)
+    for direction, entry in enumerate(item.value if item.angle is not None else ()):
         along = axis[direction] ** 2 >= (1.0 - ROUNDING) * (axis @ axis) if dim == 3 else False
         if entry == "free" and not along:
             found = f'"free" in direction {direction}, in which the turn moves nodes'
-            allowed = 'a number; "free" along an axis in a direction of the mesh only'
-            raise input_error(scene.where, f"{where}.value", found, allowed)
+            yield "value", found, 'a number; "free" along an axis in a direction of the mesh only'
+
+
+def _obstacle(obstacle, dim):
+    """The edge of a punch or a wedge in space is square to where it looks; a punch in the plane has a width."""
+    if obstacle.shape == "punch" and obstacle.width is None and dim == 2:
+        yield "radius", "a round punch with a 2D mesh", "width"
+    if obstacle.shape == "wedge" or (obstacle.shape == "punch" and obstacle.width is not None):
+        if (obstacle.axis is None) != (dim == 2):
+            yield "axis", *_one_in_space(obstacle.axis, keys(Obstacle)["axis"], dim)
+        if dim == 3:
+            along, across = np.array(obstacle.axis), np.array(obstacle.normal)
+            cosine = abs(along @ across) / (np.linalg.norm(along) * np.linalg.norm(across))
+            if cosine > SQUARE:
+                found = f"{list(obstacle.axis)}, at {np.degrees(np.arccos(min(cosine, 1.0))):.6g} degrees with normal"
+                yield "axis", found, "a direction square to normal"
+    has = obstacle.turn_axis is not None or (dim == 3 and obstacle.shape in AXES)
+    if obstacle.angle is not None and has != (dim == 3):
+        yield "turn_axis", *_one_in_space(obstacle.turn_axis, keys(Obstacle)["turn_axis"], dim)
+    if obstacle.shape in SPATIAL and dim == 2:
+        allowed = '"plane" | "sphere" (a circle) | "punch" | "wedge" | "level_set"'
+        yield "shape", f'"{obstacle.shape}" with a 2D mesh', allowed
+
+
+_CHECKS = {
+    MeshSpec: _mesh, Material: _material, Spring: _spring, Load: _load, Coupling: _coupling, Equation: _equation,
+    Displacement: _displacement, Obstacle: _obstacle,
+}  # fmt: skip
 
 
 def check_radius(scene: Scene, points: np.ndarray, mesh_path: str | Path) -> None:

@@ -4,7 +4,7 @@ Rules between the keys of a table are declared with them (`pcontact.scene.keys`)
 table. Each says of what is wrong: the key, what was found, what is allowed.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -40,7 +40,7 @@ from pcontact.scene.model import (
 )
 from pcontact.scene.orthotropic import indefinite, parallel
 from pcontact.scene.phases import PHASED, acts, begun, come_and_go, scene_of
-from pcontact.scene.places import place, tables
+from pcontact.scene.places import Found, place, refuse, tables
 from pcontact.scene.prescribed import expressions
 from pcontact.scene.target import AXES, BEST, Budget, Target
 
@@ -50,8 +50,6 @@ MOST_PAIRS = 26  # of two surfaces beside a contact of all: a bit for each surfa
 SMALLEST = 1e-12  # of the run: the shortest step
 # keys of materials that are orthotropic
 ORTHOTROPIC = ("G", "axes", "angle", "point", "axis")
-
-Found = Iterator[tuple[str, str, str]]
 
 
 def validate(scene: Scene) -> None:
@@ -70,25 +68,19 @@ def validate(scene: Scene) -> None:
     """
     _check_types(scene)
     _check_values(scene)
-    _refuse(scene, "", _scene(scene))
+    refuse(scene, "", _scene(scene))
     for where, table in tables(scene):
         check = CHECKS.get(type(table))
-        _refuse(scene, where, conflicts(table, scene))
-        _refuse(scene, where, check(scene, table) if check is not None else ())
-    _refuse(scene, "", _names(scene))
-    _refuse(scene, "", _motion(scene))
+        refuse(scene, where, conflicts(table, scene))
+        refuse(scene, where, check(scene, table) if check is not None else ())
+    refuse(scene, "", _names(scene))
+    refuse(scene, "", _motion(scene))
     if scene.phases:
-        _refuse(scene, "", _phases(scene))
+        refuse(scene, "", _phases(scene))
         for number in range(len(scene.phases)):
             validate(scene_of(scene, number))
         return
-    _refuse(scene, "", _directions(scene))
-
-
-def _refuse(scene: Scene, where: str, found: Found) -> None:
-    """Raise the first of what is wrong in the table at a key path."""
-    for key, what, allowed in found:
-        raise input_error(scene.where, ".".join(filter(None, (where, key))), what, allowed)
+    refuse(scene, "", _directions(scene))
 
 
 def check_masses(scene: Scene, why: str = "") -> None:
@@ -98,7 +90,7 @@ def check_masses(scene: Scene, why: str = "") -> None:
     ------
     InputError
     """
-    _refuse(scene, "", (
+    refuse(scene, "", (
         (f"materials.{body.material}.density", f"nothing{why} (body {body.region})", "a number > 0, mass per volume")
         for body in scene.bodies if scene.materials[body.material].density is None and not body.absent
     ))  # fmt: skip
@@ -111,7 +103,7 @@ def check_degrees(scene: Scene) -> None:
     ------
     InputError
     """
-    _refuse(scene, "", (
+    refuse(scene, "", (
         (f"{place('bodies', k, body.region)}.order", f"{body.order} without order = 2 in [mesh]",
          "1, or order = 2 there")
         for k, body in enumerate(scene.bodies)
@@ -157,7 +149,7 @@ def resolve_contacts(scene: Scene, overrides: Mapping[str, object], said: str = 
     resolved = replace(scene, contacts=contacts)
     for where, table in tables(resolved):
         if isinstance(table, Contact):
-            _refuse(resolved, where, (*(_all(resolved, table) if table.all else ()), *_theta(resolved, table)))
+            refuse(resolved, where, (*(_all(resolved, table) if table.all else ()), *_theta(resolved, table)))
     return resolved
 
 

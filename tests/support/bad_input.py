@@ -336,7 +336,7 @@ CASES = {
     ),
     "wedge with an edge in the plane": shape(
         'shape = "wedge", point = [0, 0.5], normal = [0, 1], axis = [1, 0], half_angle = 60',
-        "axis: found .* with a 2D mesh", "allowed: nothing, the edge is a point",
+        "axis: found .* with a 2D mesh", "allowed: nothing, it is known",
     ),
     "friction in words": Case(
         [r"contacts\[0\] \(pair\)\.friction", "the name 'rough' at character 1", "allowed: a number >= 0, or an"],
