@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from pcontact.scene.integrators import INTEGRATORS
-from pcontact.scene.model import Contact, Dynamics, Scene
+from pcontact.scene.model import LOADS, Contact, Dynamics, Scene
 from pcontact.scene.validate import resolve_contacts
 
 
@@ -21,23 +21,20 @@ def _strains(scene):
     """Elasticity and plasticity of the bodies, in lines."""
     lines = []
     for finite, words in ((False, "small strain"), (True, "finite strain")):
-        bodies = [body for body in scene.bodies if scene.finite(body) == finite]
-        kinds = {body.region: scene.materials[body.material].law.replace("_", "-") for body in bodies}
-        if bodies:
-            names = [f"{name} ({kinds[name]})" if finite else name for name in kinds]
-            lines.append(f"{words} elasticity: {', '.join(names)}")
-        turned = [f"{body.region} ({_axes(scene.materials[body.material])})" for body in bodies
-                  if scene.materials[body.material].orthotropic]  # fmt: skip
-        if turned:
-            lines.append(f"orthotropic: {', '.join(turned)}")
-        added = [f"{body.region} ({scene.materials[body.material].law})" for body in bodies
-                 if scene.materials[body.material].added]  # fmt: skip
-        if added:
-            lines.append(f"laws that the program has added: {', '.join(added)}")
-        plastic = _plastic(scene, finite)
-        if plastic:
-            lines.append(f"{words} von Mises plasticity: {', '.join(plastic)}")
+        bodies = [(one.region, scene.materials[one.material]) for one in scene.bodies if scene.finite(one) == finite]
+        lines += _listed({
+            f"{words} elasticity": {f"{name} ({one.law.replace('_', '-')})" if finite else name: 0
+                                    for name, one in bodies},
+            "orthotropic": [f"{name} ({_axes(one)})" for name, one in bodies if one.orthotropic],
+            "laws that the program has added": [f"{name} ({one.law})" for name, one in bodies if one.added],
+            f"{words} von Mises plasticity": _plastic(scene, finite),
+        })  # fmt: skip
     return lines
+
+
+def _listed(names):
+    """A line of each piece of physics that has names."""
+    return [f"{words}: {', '.join(some)}" for words, some in names.items() if some]
 
 
 def _axes(material):
@@ -97,61 +94,39 @@ def describe(
     active = _strains(scene)
     if scene.mesh.kinematics != "plane_strain" or dim == 2:
         active.append(scene.mesh.kinematics.replace("_", " "))
-    lower = [body.region for body in scene.bodies if scene.lower(body)]
-    if lower:
-        active.append("degree 1: " + ", ".join(lower))
+    active += _listed({"degree 1": [body.region for body in scene.bodies if scene.lower(body)]})
     if scene.mesh.geometry is not None:
         active.append(f"new nodes on the geometry {Path(scene.mesh.geometry).name}")
-    if scene.mesh.serendipity:
-        active.append("serendipity cells")
-    reduced = [body.region for body in scene.bodies if body.integration == "reduced"]
-    if reduced:
-        active.append("reduced integration: " + ", ".join(reduced))
-    if averaged:
-        active.append("mean dilatation: " + ", ".join(averaged))
+    active += ["serendipity cells"] * scene.mesh.serendipity
+    active += _listed({
+        "reduced integration": [body.region for body in scene.bodies if body.integration == "reduced"],
+        "mean dilatation": averaged,
+    })  # fmt: skip
     active += [_contact(contact) for contact in resolve_contacts(scene, {}).contacts]
-    followers = [load.region for load in scene.loads if load.follower]
-    if followers:
-        active.append(f"pressure on the deformed surface: {', '.join(followers)}")
-    for key in ("pressure", "traction", "body_force", "acceleration", "angular_speed"):
-        regions = [load.region for load in scene.loads if getattr(load, key) is not None and not load.follower]
-        if regions:
-            active.append(f"{key.replace('_', ' ')}: {', '.join(regions)}")
-    total = [load.name or load.region or f"at {list(load.at)}" for load in scene.loads if load.total]
-    if total:
-        active.append(f"total force: {', '.join(total)}")
-    if scene.temperatures:
-        active.append(f"thermal strain: {', '.join(one.region or 'all bodies' for one in scene.temperatures)}")
-    for average, words in ((False, "rigid groups"), (True, "groups that move on average")):
-        some = [one.name or one.region for one in scene.couplings if one.average == average]
-        if some:
-            active.append(f"{words}: {', '.join(some)}")
-    if scene.pretensions:
-        active.append(f"pre-tension: {', '.join(one.name or one.region for one in scene.pretensions)}")
-    if scene.equations:
-        active.append(f"linear equations: {len(scene.equations)}")
-    if scene.periodic:
-        active.append(f"periodic groups: {', '.join(f'{one.region} as {one.partner}' for one in scene.periodic)}")
-    if scene.springs:
-        active.append(f"springs to the ground: {', '.join(spring.name or spring.region for spring in scene.springs)}")
-    if scene.displacements:
-        regions = dict.fromkeys(item.region for item in scene.displacements)
-        active.append("prescribed displacement: " + ", ".join(regions))
-    turning = dict.fromkeys(item.region for item in scene.displacements if item.turns)
-    if turning:
-        active.append("supports that turn: " + ", ".join(turning))
+    loads, supports = scene.loads, scene.displacements
+    dead = [load for load in loads if not load.follower]
+    active += _listed({
+        "pressure on the deformed surface": [load.region for load in loads if load.follower],
+        **{key.replace("_", " "): [load.region for load in dead if getattr(load, key) is not None] for key in LOADS},
+        "total force": [load.name or load.region or f"at {list(load.at)}" for load in loads if load.total],
+        "thermal strain": [one.region or "all bodies" for one in scene.temperatures],
+        "rigid groups": [one.name or one.region for one in scene.couplings if not one.average],
+        "groups that move on average": [one.name or one.region for one in scene.couplings if one.average],
+        "pre-tension": [one.name or one.region for one in scene.pretensions],
+        "linear equations": [str(len(scene.equations))] * bool(scene.equations),
+        "periodic groups": [f"{one.region} as {one.partner}" for one in scene.periodic],
+        "springs to the ground": [spring.name or spring.region for spring in scene.springs],
+        "prescribed displacement": dict.fromkeys(item.region for item in supports),
+        "supports that turn": dict.fromkeys(item.region for item in supports if item.turns),
+    })  # fmt: skip
     if scene.steps.viscous_stabilisation is not None:
         active.append(f"viscous stabilisation: {scene.steps.viscous_stabilisation:g}")
     if scene.dynamics is not None:
         active.append(f"inertia: {_dynamics(scene.dynamics)}")
-    if scene.phases:
-        active.append(f"phases: {', '.join(phase.name for phase in scene.phases)}")
-    some = {body.region: body.phases for body in scene.bodies if body.phases is not None}
-    if some:
-        said = (f"{name} in {', '.join(them)}" for name, them in some.items())
-        active.append(f"bodies in some phases: {'; '.join(said)}")
-    if scene.output.estimate:
-        active.append("error estimate of every step")
+    active += _listed({"phases": [phase.name for phase in scene.phases]})
+    some = [f"{body.region} in {', '.join(body.phases)}" for body in scene.bodies if body.phases is not None]
+    active += [f"bodies in some phases: {'; '.join(some)}"] * bool(some)
+    active += ["error estimate of every step"] * scene.output.estimate
     return active, [name for name, asked in _FEATURES if not asked(scene)]
 
 

@@ -40,9 +40,15 @@ def _pairs(allowed, test):
     return Rule(allowed, accept, {"type": "array", "items": row, "minItems": 1})
 
 
+def _check_growing(rows, words, where=""):
+    """The first numbers of pairs increase."""
+    for index in range(1, len(rows)):
+        if rows[index][0] <= rows[index - 1][0]:
+            raise ValueError(f"whose {words} do not increase{where and f' {where} {index}'}")
+
+
 def _check_amplitude(rows):
-    if any(later[0] <= earlier[0] for earlier, later in zip(rows[:-1], rows[1:], strict=True)):
-        raise ValueError("whose times do not increase")
+    _check_growing(rows, "times")
 
 
 def _check_hardening(rows):
@@ -50,9 +56,8 @@ def _check_hardening(rows):
         raise ValueError(f"whose first strain is {rows[0][0]:g}")
     if rows[0][1] <= 0:
         raise ValueError(f"whose first stress is {rows[0][1]:g}")
+    _check_growing(rows, "strains", "in entry")
     for index in range(1, len(rows)):
-        if rows[index][0] <= rows[index - 1][0]:
-            raise ValueError(f"whose strains do not increase in entry {index}")
         if rows[index][1] < rows[index - 1][1]:
             raise ValueError(f"whose stresses decrease in entry {index}")
 
@@ -62,9 +67,8 @@ def _check_overclosure(rows):
         raise ValueError("of one pair")
     if rows[0][1] != 0:
         raise ValueError(f"whose first pressure is {rows[0][1]:g}")
+    _check_growing(rows, "overclosures", "in entry")
     for index in range(1, len(rows)):
-        if rows[index][0] <= rows[index - 1][0]:
-            raise ValueError(f"whose overclosures do not increase in entry {index}")
         if rows[index][1] <= 0 or rows[index][1] < rows[index - 1][1]:
             raise ValueError(f"whose pressure {rows[index][1]:g} in entry {index} is not positive, or decreases")
 
@@ -75,6 +79,14 @@ def _check_ogden(rows):
             raise ValueError(f"whose entry {index} has no stiffness")
     if sum(modulus * power for modulus, power in rows) <= 0:
         raise ValueError("whose shear modulus sum(mu alpha) / 2 is not positive")
+
+
+def _or_list(allowed, single, several):
+    """What one rule accepts, or of lists another one."""
+    return Rule(
+        allowed, lambda value: (several if isinstance(value, list | tuple) else single).accept(value),
+        {"anyOf": [single.schema, several.schema]},
+    )  # fmt: skip
 
 
 def _or_expression(rule, words=()):
@@ -110,29 +122,19 @@ STIFFNESSES = sequence(
     "a list of one number >= 0 per direction (2 or 3), not all zero", number(least=0), (2, 3), any
 )
 STIFFNESSES.schema["contains"] = {"not": {"const": 0}}
-MOMENT = Rule(
-    "a finite number in the plane, a list of 3 finite numbers in space",
-    lambda value: entries(value, number(), (3,)) if isinstance(value, list | tuple) else number().accept(value),
-    {"anyOf": [number().schema, {"type": "array", "items": number().schema, "minItems": 3, "maxItems": 3}]},
+MOMENT = _or_list(
+    "a finite number in the plane, a list of 3 finite numbers in space", number(), sequence("", number(), (3,))
 )
-ROTATION = Rule(
-    'a finite number or "free" in the plane, a list of 3 of them in space',
-    lambda value: entries(value, either("", "free", number()), (3,)) if isinstance(value, list | tuple)
-    else either("", "free", number()).accept(value),
-    {"anyOf": [{"const": "free"}, number().schema, {"type": "array", "minItems": 3, "maxItems": 3}]},
+ROTATION = _or_list(
+    'a finite number or "free" in the plane, a list of 3 of them in space', either("", "free", number()),
+    sequence("", either("", "free", number()), (3,)),
 )  # fmt: skip
-_INERTIAS = sequence("", number(least=0), (3,))
-INERTIA = Rule(
-    "a number >= 0 in the plane, a list of 3 of them about the axes of the mesh in space",
-    lambda value: _INERTIAS.accept(value) if isinstance(value, list | tuple) else number(least=0).accept(value),
-    {"anyOf": [number(least=0).schema, _INERTIAS.schema]},
-)
+INERTIA = _or_list(
+    "a number >= 0 in the plane, a list of 3 of them about the axes of the mesh in space", number(least=0),
+    sequence("", number(least=0), (3,)),
+)  # fmt: skip
 WAYS = sequence('a list of one finite number or "free" per direction (2 or 3)', either("", "free", number()), (2, 3))
-FOUNDATION = Rule(
-    f"a number > 0, along the normal, or {STIFFNESSES.allowed}",
-    lambda value: STIFFNESSES.accept(value) if isinstance(value, list | tuple) else number(above=0).accept(value),
-    {"anyOf": [number(above=0).schema, STIFFNESSES.schema]},
-)
+FOUNDATION = _or_list(f"a number > 0, along the normal, or {STIFFNESSES.allowed}", number(above=0), STIFFNESSES)
 VECTORS = sequence(
     f"a list of one finite number or expression per direction (2 or 3), {ALLOWED}", _or_expression(number()), (2, 3)
 )
@@ -176,23 +178,15 @@ _OVERCLOSURES = _pairs(
     "> 0 and not decreasing",
     _check_overclosure,
 )
-PRESSURE_OVERCLOSURE = Rule(
-    f"a number > 0, or {_OVERCLOSURES.allowed}",
-    lambda value: _OVERCLOSURES.accept(value) if isinstance(value, list | tuple) else number(above=0).accept(value),
-    {"anyOf": [number(above=0).schema, {**_OVERCLOSURES.schema, "minItems": 2}]},
-)
+_OVERCLOSURES.schema["minItems"] = 2
+PRESSURE_OVERCLOSURE = _or_list(f"a number > 0, or {_OVERCLOSURES.allowed}", number(above=0), _OVERCLOSURES)
 OGDEN = _pairs("a list of [mu, alpha] pairs, not zero, sum(mu alpha) > 0", _check_ogden)
 MOONEY_RIVLIN = sequence("a list of two numbers c10, c01 with c10 + c01 > 0", number(), (2,), lambda c: sum(c) > 0)
 
 
 def _or_three(rule, words, item):
     """A number, or three along the axes of an orthotropic material."""
-    three = sequence("", item, (3,))
-    return Rule(
-        f"{rule.allowed}; {words}",
-        lambda value: three.accept(value) if isinstance(value, list | tuple) else rule.accept(value),
-        {"anyOf": [rule.schema, three.schema]},
-    )
+    return _or_list(f"{rule.allowed}; {words}", rule, sequence("", item, (3,)))
 
 
 YOUNG = _or_three(number(above=0), "orthotropic: a list of 3 such numbers, E1, E2, E3", number(above=0))
