@@ -175,6 +175,7 @@ class FiniteSolid(Bulk):
         """
         at, forces = self._forces
         if at is None or not self._same(at, u):
+            self._averages = None, None
             nodal = self.space.local.gather(u)
             local = np.zeros_like(nodal)
             for _, _, cells, state in self.chunks():
@@ -190,7 +191,7 @@ class FiniteSolid(Bulk):
 
     def _forget(self):
         """Keep nothing that was found from another state of the points."""
-        self._forces, self._kept = (None, None), None
+        self._forces, self._kept, self._averages = (None, None), None, (None, None)
 
     def add_magnitude(self, u, out):
         """Add the sum of the absolute terms of :meth:`residual` to ``out`` (n_owned, d). *Collective.*"""
@@ -264,12 +265,17 @@ class FiniteSolid(Bulk):
     # -- report -----------------------------------------------------------------------------------------------------
 
     def _means(self, u):
-        """Cauchy stress, logarithmic strain (nc, 6) and undeformed volume (nc,) of the cells of each block."""
+        """Cauchy stress, logarithmic strain (nc, 6) and undeformed volume (nc,) of the cells of each block, not to be
+        changed: the report asks for them several times. *Collective.*"""
+        at, result = self._averages
+        if at is not None and self._same(at, u):
+            return result
         nodal, blocks = self.space.local.gather(u), self.space.mesh.blocks
         result = [(np.zeros((len(b.nodes), 6)), np.zeros((len(b.nodes), 6)), np.zeros(len(b.nodes))) for b in blocks]
         for number, rows, cells, state in self.chunks():
             stress, strain, volume = result[number]
             cauchy(state, cells, nodal, cell_work(cells), stress[rows], strain[rows], volume[rows])
+        self._averages = u.getArray(readonly=True).copy(), result
         return result
 
     def stress(self, u):
