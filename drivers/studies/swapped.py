@@ -3,9 +3,11 @@
     python drivers/studies/swapped.py -o DIR [--ratios 1e-6 1e-3 1 1e3 1e6] [--publish docs/tables/swapped.md]
 
 Two blocks in full contact, the upper one 0.3 high, bear a pressure that varies and, with friction, stick and slip, in
-plane strain. The pressure of the points is compared in L2 with that of meshes of 96 facets on both sides. Columns
-say which side is the source, with the traction of both sides and with that of the source alone, and what the program
-chooses of `surfaces`. What does not converge is a dash.
+plane strain; the pressure of the points is compared in L2 with that of meshes of 96 facets on both sides. Concentric
+rings, the outer one is called upper, bear a pressure from outside (straight facets of degree 1, curved ones of degree
+2, the gap between the circles is said to be 0); the pressure is compared with Lame's. Columns say which side is the
+source, with the traction of both sides and with that of the source alone, and what the program chooses of `surfaces`.
+What does not converge is a dash.
 """
 
 from itertools import product
@@ -13,21 +15,57 @@ from itertools import product
 import numpy as np
 
 from drivers._common import main, make_directory, make_mesh, make_parser, markdown, print_table, running, write_json
-from meshes import two_blocks
+from meshes import rings, two_blocks
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Output, Scene
 
 # facets of the upper and the lower side
 FACETS = {"1:1": (12, 12), "2:1": (16, 8), "1:2": (8, 16), "10:1": (60, 6), "1:10": (6, 60)}
 FINE = 96
-UPPER, LOWER = "upper_bottom", "lower_top"
-WAYS = {
-    "upper": {"source": UPPER, "target": LOWER}, "lower": {"source": LOWER, "target": UPPER},
-    "surfaces": {"surfaces": [UPPER, LOWER]},
-    "upper alone": {"source": UPPER, "target": LOWER, "traction": "source"},
-    "lower alone": {"source": LOWER, "target": UPPER, "traction": "source"},
-}  # fmt: skip
-HEAD = ["degree", "E upper/lower", "friction", "facets", *WAYS]
+BLOCKS, RINGS = ("upper_bottom", "lower_top"), ("outer_inner_skin", "inner_outer_skin")
+WAYS = ("upper", "lower", "surfaces", "both", "upper alone", "lower alone")
+HEAD = ["scene", "degree", "E upper/lower", "friction", "facets", *WAYS]
+# of the rings [length]
+HOLE, CIRCLE, OUTSIDE, POISSON = 0.2, 0.6, 1.0, 0.3
+
+
+def contact(names, way, friction, **more):
+    """The contact of the upper and the lower surface in one of the ways."""
+    upper, lower = names if way.startswith("upper") or way == "both" else names[::-1]
+    said = {"surfaces": [upper, lower]} if way == "surfaces" else {"source": upper, "target": lower}
+    if "alone" in way:
+        said["traction"] = "source"
+    return Contact(**said, name="c", friction=friction or None, unbiased=way == "both", **more)
+
+
+def _radial(modulus, radii, inside, outside):
+    """Radial displacement of Lame's ring under pressures on both circles, at the circle of contact [length]."""
+    a, b = radii
+    first = (inside * a**2 - outside * b**2) / (b**2 - a**2)
+    second = (inside - outside) * (a * b) ** 2 / (b**2 - a**2)
+    return (1.0 + POISSON) / modulus * ((1.0 - 2.0 * POISSON) * first * CIRCLE + second / CIRCLE)
+
+
+def ring_pressure(ratio, load):
+    """Contact pressure between the rings, the outer one `ratio` times as stiff, under a pressure from outside."""
+    def gap(p):
+        return _radial(ratio, (CIRCLE, OUTSIDE), p, load) - _radial(1.0, (HOLE, CIRCLE), 0.0, p)
+
+    return -gap(0.0) / (gap(1.0) - gap(0.0))
+
+
+def ring_scene(path, order, ratio, friction, way):
+    """Concentric rings, the outer one `ratio` times as stiff."""
+    return Scene(
+        title="exchanged rings",
+        mesh=MeshSpec(path, order=order),
+        materials={"inner": Material(E=1.0, nu=POISSON), "outer": Material(E=ratio, nu=POISSON)},
+        bodies=[Body("outer", "outer"), Body("inner", "inner")],
+        contacts=[contact(RINGS, way, friction, clearance=0.0)],
+        displacements=[Displacement("symmetry_x", [0.0, "free"]), Displacement("symmetry_y", ["free", 0.0])],
+        loads=[Load("outer_skin", pressure=1e-3 * min(1.0, ratio))],
+        output=Output(fields=False),
+    )
 
 
 def scene(path, order, ratio, friction, way):
@@ -38,7 +76,7 @@ def scene(path, order, ratio, friction, way):
         mesh=MeshSpec(path, order=order),
         materials={"lower": Material(E=1.0, nu=0.3), "upper": Material(E=ratio, nu=0.3)},
         bodies=[Body("lower", "lower"), Body("upper", "upper")],
-        contacts=[Contact(**WAYS[way], name="c", friction=friction or None)],
+        contacts=[contact(BLOCKS, way, friction)],
         displacements=[Displacement("lower_bottom", [0.0, 0.0]), Displacement("left", [0.0, "free"]),
                        Displacement("right", [0.0, "free"])],
         loads=[Load("upper_top", traction=[0.0, f"{-unit}*(1 + 0.5*cos(2*pi*x))"])],
@@ -68,7 +106,7 @@ def error(found, known):
 def shown(row):
     """A row of the table."""
     cells = ["-" if row[way] is None else f"{100.0 * row[way][0]:.2g} ({row[way][1]})" for way in WAYS]
-    return [row["degree"], f"{row['ratio']:g}", f"{row['friction']:g}", row["facets"], *cells]
+    return [row["scene"], row["degree"], f"{row['ratio']:g}", f"{row['friction']:g}", row["facets"], *cells]
 
 
 def run(args):
@@ -86,8 +124,16 @@ def run(args):
         for ratio, friction in product([1e3] if args.tiny else args.ratios, (0.0, 0.5)):
             known = solved(scene(reference, order, ratio, friction, "upper"))
             for facets, path in paths.items():
-                row = {"degree": order, "ratio": ratio, "friction": friction, "facets": facets}
+                row = {"scene": "blocks", "degree": order, "ratio": ratio, "friction": friction, "facets": facets}
                 row |= {way: error(solved(scene(path, order, ratio, friction, way)), known) for way in WAYS}
+                rows.append(row)
+        for name, mismatch in {"8:13": 13 / 8, "8:5": 5 / 8}.items():
+            path = make_mesh(rings, directory / f"rings_{order}_{name[2:]}.msh", n=8, mismatch=mismatch, order=order)
+            for ratio, friction in product([1e3] if args.tiny else args.ratios, (0.0, 0.5)):
+                p = ring_pressure(ratio, 1e-3 * min(1.0, ratio))
+                known = np.array([-1.0, 2.0]), np.array([p, p])
+                row = {"scene": "rings", "degree": order, "ratio": ratio, "friction": friction, "facets": name}
+                row |= {way: error(solved(ring_scene(path, order, ratio, friction, way)), known) for way in WAYS}
                 rows.append(row)
     print_table("error of the pressure in L2, % (Newton iterations)", HEAD, [shown(row) for row in rows])
     write_json(directory / "swapped.json", rows)

@@ -17,7 +17,7 @@ from pcontact.api.running import Step, run
 from pcontact.api.scenes import Scene, from_dict, new, read
 from pcontact.api.study import Study, study
 from pcontact.api.tables import Table
-from pcontact.assembly.item import Item
+from pcontact.assembly.item import ActiveSet, Item
 from pcontact.contact.law import FrictionLaw, add_law
 from pcontact.material.laws import add_material
 from pcontact.material.point_law import PointLaw
@@ -41,8 +41,8 @@ from pcontact.scene import (
 )
 
 __all__ = [
-    "Body", "Contact", "ContactResult", "Coupling", "Displacement", "Dynamics", "Fields", "FrictionLaw", "Item", "Load",
-    "Material", "MeshSpec", "Obstacle", "Output", "Phase", "Picture", "PointLaw", "Pretension", "Region", "Run",
-    "Scene", "Spring", "Step", "Steps", "Study", "Table", "Temperature", "add_law", "add_material", "from_dict", "load",
-    "mesh_from", "new", "read", "run", "study",
+    "ActiveSet", "Body", "Contact", "ContactResult", "Coupling", "Displacement", "Dynamics", "Fields", "FrictionLaw",
+    "Item", "Load", "Material", "MeshSpec", "Obstacle", "Output", "Phase", "Picture", "PointLaw", "Pretension",
+    "Region", "Run", "Scene", "Spring", "Step", "Steps", "Study", "Table", "Temperature", "add_law", "add_material",
+    "from_dict", "load", "mesh_from", "new", "read", "run", "study",
 ]  # fmt: skip

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pcontact.runtime import log
+
 
 @dataclass(frozen=True, eq=False)
 class StatusRule:
@@ -33,6 +35,101 @@ class StatusRule:
 
 
 LAW, FROZEN = StatusRule(), StatusRule(stick=True, frozen=True)
+
+
+class ActiveSet:
+    """The points of an item that open and close, as far as Newton's method and the stepper ask for them."""
+
+    def step_limit(self, u, y, falls=None):
+        """Part of the Newton step ``-y`` from ``u`` to take; None for no say. *Collective.*
+
+        `falls` (n_components,) of bool says which bodies nothing but the stabilisation holds back; None: not known.
+        """
+        return None
+
+    def turned(self, u):
+        """What ``u`` changes at the points of this rank (4,): area closed in the last tangent, area of that open in
+        ``u``, area closed in ``u`` alone [length^(d - 1)], number of the points that open; infinite where the pressure
+        does not say what is open. *Collective.*
+        """
+        return np.zeros(4)
+
+    def recede(self, u, rule):
+        """The rule under which points that are open in the last tangent or in ``u`` stay so; None if none is left that
+        is closed. *Collective.*
+        """
+        return rule
+
+    def closed_count(self):
+        """Points of this rank that were closed at the end of the last load step."""
+        return 0
+
+    def area_changed_by_supports(self, before, u):
+        """Area of the points of this rank that ``u``, in which only supports have moved, opens or closes.
+        *Collective.*
+        """
+        return 0.0
+
+    def closed_area(self):
+        """Area of the points of this rank that were closed in the last tangent [length^(d - 1)]."""
+        return 0.0
+
+    def active_nodes(self):
+        """Owned nodes (n,), global numbers, of the points that were closed in the last tangent. *Collective.*"""
+        return np.zeros(0, dtype=np.int64)
+
+    def clearance(self, u, fields, beyond=False):
+        """How far points are from contact, and what motions of whole bodies would change. *Collective.*
+
+        Parameters
+        ----------
+        u : PETSc.Vec
+        fields : list of PETSc.Vec
+            Displacements of m motions of every body at once.
+        beyond : bool
+            Whether distances count from where the law bears nothing any more.
+
+        Returns
+        -------
+        distance : ndarray (n,)
+            Of the points of this rank that have a partner other than their own body: by so much the gap has to shrink
+            until they are closed [length].
+        bodies : ndarray (n, 2)
+            Components of points and partners; -1 for an obstacle.
+        rows : ndarray (n, 2, m)
+            What the motions of the two bodies add to the distance.
+        """
+        return np.zeros(0), np.zeros((0, 2), dtype=np.int64), np.zeros((0, 2, len(fields)))
+
+    def force_magnitudes(self, u):
+        """Sums (n_components,) of the magnitudes of the contact forces at the points of this rank on every connected
+        component [force]. *Collective.*
+        """
+        return 0.0
+
+    def bonds(self):
+        """What adhesion at the points of this rank may exert on every connected component without pressure
+        (n_components,) [force]. *Collective.*
+        """
+        return 0.0
+
+    def closed_areas(self):
+        """Area (n_components,) of the points of this rank that were closed at the end of the last load step, by
+        component. *Collective.*
+        """
+        return 0.0
+
+
+def active_set(item):
+    """The :class:`ActiveSet` of an item, or None; of one that answers for itself, as items once did, with a warning."""
+    asked = {name: getattr(item, name) for name in vars(ActiveSet) if not name.startswith("_") and hasattr(item, name)}
+    if not asked:
+        return item.active
+    log.warning("item %s: %s: methods of items; remedy: an ActiveSet as its attribute active has them now", item.name,
+                ", ".join(asked))  # fmt: skip
+    own = ActiveSet()
+    vars(own).update(asked)
+    return own
 
 
 class Item:
@@ -71,6 +168,8 @@ class Item:
         Whether that is what a load step is about, and no check that may be left out.
     stale : float
         What :meth:`renew` said last: the part by which the answer would be wrong with what the load step kept.
+    active : ActiveSet or None
+        Of contact: its points that open and close.
     """
 
     name = "bodies"
@@ -81,7 +180,7 @@ class Item:
     symmetric = True
     radius = np.inf
     flips = ()
-    too_deep, stale = 0, 0.0
+    too_deep, stale, active = 0, 0.0, None
 
     # -- what every item has --------------------------------------------------------------------------------------
 
@@ -143,6 +242,10 @@ class Item:
         """Whether ``u`` is so far from where the load step's partners were found that they are to be found again within
         Newton's method, see :meth:`renew`. *Collective.*"""
         return False
+
+    def normal_motion(self, u, before):
+        """Largest motion of a point along its normal between two displacements [length]. *Collective.*"""
+        return 0.0
 
     def renew(self, u, before, time, firm=False, tolerance=0.0):
         """Find again, at a solution ``u``, what the load step that began at ``before`` keeps. *Collective.*
@@ -211,90 +314,3 @@ class Item:
         """Quadrature points of this rank at which something is kept (``points``), and those with a partner times the
         unknowns that each of them couples (``work``)."""
         return {"points": 0, "work": 0}
-
-    # -- what Newton's method asks of contact ----------------------------------------------------------------------
-
-    def step_limit(self, u, y, falls=None):
-        """Part of the Newton step ``-y`` from ``u`` to take; None for no say. *Collective.*
-
-        `falls` (n_components,) of bool says which bodies nothing but the stabilisation holds back; None: not known.
-        """
-        return None
-
-    def turned(self, u):
-        """What ``u`` changes at the points of this rank (4,): area closed in the last tangent, area of that open in
-        ``u``, area closed in ``u`` alone [length^(d - 1)], number of the points that open; infinite where the pressure
-        does not say what is open. *Collective.*
-        """
-        return np.zeros(4)
-
-    def recede(self, u, rule):
-        """The rule under which points that are open in the last tangent or in ``u`` stay so; None if none is left that
-        is closed. *Collective.*
-        """
-        return rule
-
-    def closed_count(self):
-        """Points of this rank that were closed at the end of the last load step."""
-        return 0
-
-    def area_changed_by_supports(self, before, u):
-        """Area of the points of this rank that ``u``, in which only supports have moved, opens or closes.
-        *Collective.*
-        """
-        return 0.0
-
-    def closed_area(self):
-        """Area of the points of this rank that were closed in the last tangent [length^(d - 1)]."""
-        return 0.0
-
-    def active_nodes(self):
-        """Owned nodes (n,), global numbers, of the points that were closed in the last tangent. *Collective.*"""
-        return np.zeros(0, dtype=np.int64)
-
-    # -- what the stepper asks of contact --------------------------------------------------------------------------
-
-    def normal_motion(self, u, before):
-        """Largest motion of a point along its normal between two displacements [length]. *Collective.*"""
-        return 0.0
-
-    def clearance(self, u, fields, beyond=False):
-        """How far points are from contact, and what motions of whole bodies would change. *Collective.*
-
-        Parameters
-        ----------
-        u : PETSc.Vec
-        fields : list of PETSc.Vec
-            Displacements of m motions of every body at once.
-        beyond : bool
-            Whether distances count from where the law bears nothing any more.
-
-        Returns
-        -------
-        distance : ndarray (n,)
-            Of the points of this rank that have a partner other than their own body: by so much the gap has to shrink
-            until they are closed [length].
-        bodies : ndarray (n, 2)
-            Components of points and partners; -1 for an obstacle.
-        rows : ndarray (n, 2, m)
-            What the motions of the two bodies add to the distance.
-        """
-        return np.zeros(0), np.zeros((0, 2), dtype=np.int64), np.zeros((0, 2, len(fields)))
-
-    def force_magnitudes(self, u):
-        """Sums (n_components,) of the magnitudes of the contact forces at the points of this rank on every connected
-        component [force]. *Collective.*
-        """
-        return np.zeros(self.space.mesh.n_components)
-
-    def bonds(self):
-        """What adhesion at the points of this rank may exert on every connected component without pressure
-        (n_components,) [force]. *Collective.*
-        """
-        return np.zeros(self.space.mesh.n_components)
-
-    def closed_areas(self):
-        """Area (n_components,) of the points of this rank that were closed at the end of the last load step, by
-        component. *Collective.*
-        """
-        return np.zeros(self.space.mesh.n_components)

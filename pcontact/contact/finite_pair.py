@@ -268,14 +268,14 @@ class FinitePair(ContactPair):
         would end at once, and no displacement might fulfil the equations.
         """
         astray = False
-        if self.verifies and self._status is not None:
+        if self.verifies and self.status is not None:
             values = self.pairing.exchange.gather(u)
             astray = bool(np.any(self._astray(self._on_facets(self.terms.place(self.pairing, values), values))))
         return self.space.comm.allreduce(astray, op=MPI.LOR)
 
     def _astray(self, on):
         """Points (np,) that were closed in the last tangent, and are not on their facets or hardly beside them."""
-        return False if self._status is None else self.pairing.paired & (self._status > OPEN) & ~on
+        return False if self.status is None else self.pairing.paired & (self.status > OPEN) & ~on
 
     def renew(self, u, before, time, firm=False, tolerance=0.0):
         """See :meth:`pcontact.assembly.item.Item.renew`: until points have the facets that they find. *Collective.*"""

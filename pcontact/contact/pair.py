@@ -8,7 +8,6 @@ The life of a pair: `detect` finds the partners, which stay for the load step; r
 displacement, the state committed last and the status rule; `commit` takes the state to the end of the load step.
 """
 
-from dataclasses import replace
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from pcontact.assembly.graph import BlockRows, node_graph
 from pcontact.assembly.item import LAW, Item
 from pcontact.assembly.pattern import OwnedRows
 from pcontact.contact import motion
+from pcontact.contact.active_set import PairActiveSet
 from pcontact.contact.formulation.augmented import AugmentedLagrangian
 from pcontact.contact.formulation.averages import add_at_nodes
 from pcontact.contact.formulation.layer import Layer, LayerTerms
@@ -26,9 +26,7 @@ from pcontact.contact.law import OPEN, SLIP, View, contact_law
 from pcontact.contact.pairing import Pairing
 from pcontact.contact.path import NAME as PATH
 from pcontact.contact.points import PartnerPoints, SourcePoints, interpolate
-from pcontact.contact.receding import still_closed, turned
 from pcontact.contact.search.partners import ObstacleSearch, TargetSearch
-from pcontact.contact.summary import borne
 from pcontact.contact.surface.obstacle import RigidObstacle
 from pcontact.contact.traction.small import Traction
 from pcontact.contact.traction.target import source_traction
@@ -73,8 +71,9 @@ class ContactPair(Item):
         Of the last search.
     coupled : ndarray (np,) of bool
         Points that have a partner which they may close with, and a place in the pattern for both.
-    committed : ndarray (np,)
-        Status of the points at the end of the last load step, see `pcontact.contact.law`.
+    committed, status : ndarray (np,)
+        Status of the points at the end of the last load step, see `pcontact.contact.law`, and in the last tangent of
+        this one, None before there is any.
     lost : (int, int)
         Points of this rank that the frozen partners have misled: that passed into their partner without a word, and
         that have left it, see :func:`pcontact.contact.motion.lost`.
@@ -100,8 +99,9 @@ class ContactPair(Item):
         self.method, self.law = terms.method, terms.law
         self.rigid, self.changes, self.can_slip = search.rigid, not self.law.tied, self.law.can_slip
         self.bilateral = contact.bilateral or self.law.tied or self.law.held
-        self.time, self.version, self.flips, self._status = 0.0, 0, [], None
+        self.time, self.version, self.flips, self.status = 0.0, 0, [], None
         self.lost, self._begun, self.offset, self.chords, self.pairing = (0, 0), False, None, None, None
+        self.active = PairActiveSet(self)
         # partners before those of the last search within a load step
         self.verifies, self.stale, self._former, self._turns = not self.law.tied, 0.0, None, None
         self._initial, self.closing, self.stiffer, self.path = initial_gap(contact), 0.0, 0.0, None
@@ -213,7 +213,7 @@ class ContactPair(Item):
             self.radius = np.inf
 
     def _start_step(self, u, time):
-        self.flips, self._status, self._former, self._turns = [], None, None, None
+        self.flips, self.status, self._former, self._turns = [], None, None, None
         p, search, moved = self.pairing, self.search, 0.0
         values = p.exchange.gather(u)
         if self.rigid:
@@ -342,9 +342,9 @@ class ContactPair(Item):
     def _take_again(self, found, u, before, time):
         """Take partners that were found at ``u`` within the load step that begins at ``before``: it goes on with the
         same points; another half of the contact may have kept its partners. *Collective.*"""
-        kept, former = (self.flips, self._status, self.closing, self._turns), self.pairing
+        kept, former = (self.flips, self.status, self.closing, self._turns), self.pairing
         self._take(found, u, before, time)
-        (self.flips, self._status, self.closing, self._turns), self._former = kept, former
+        (self.flips, self.status, self.closing, self._turns), self._former = kept, former
 
     def _count_lost(self, gap, paired):
         size = self.source.size[self.source.facet]
@@ -426,9 +426,9 @@ class ContactPair(Item):
         if self.space.comm.allreduce(bool(new.any()), op=MPI.LOR):
             self.coupled |= new
             self._new_pattern()
-        if self._status is not None:
-            self.flips.append(int(np.sum(status != self._status)))
-        self._status = status
+        if self.status is not None:
+            self.flips.append(int(np.sum(status != self.status)))
+        self.status = status
         d = self.space.dim
         local = np.zeros((len(self._columns), d, d))
         missing = self.terms.add_tangent(p, values, view, slopes, BlockRows(self._rowptr, self._columns, local))
@@ -476,71 +476,6 @@ class ContactPair(Item):
         traction, gap = self.terms.normal_state(self.pairing, self.pairing.exchange.gather(u), wanted)
         return traction + self.gamma * gap
 
-    def closed_area(self):
-        """Area of the points of this rank that were closed in the last tangent [length^(d - 1)]."""
-        return float(np.sum(self.source.jxw[self._status > OPEN])) if self._status is not None else 0.0
-
-    def active_nodes(self):
-        """Owned nodes, global numbers, of the pair at points that were closed in the last tangent. *Collective.*"""
-        closed = self._status > OPEN if self._status is not None else np.zeros(len(self.source.facet), dtype=bool)
-        return self.pairing.touched(self.space, self.pairing.paired & closed)
-
-    def closed_count(self):
-        """Points of this rank that were closed at the end of the last load step."""
-        return 0 if self.law.tied else int(np.sum(self.closed))
-
-    def closed_areas(self):
-        """Closed area (n_components,) at the end of the last load step, of this rank. *Collective.*"""
-        return borne(self.space, self.pairing, self.source, self.closed.astype(float))
-
-    def bonds(self):
-        """Forces (n_components,) that adhesion may exert without pressure, of this rank; any where contact bears
-        tension. *Collective.*"""
-        bond = np.inf if self.bilateral else self.law.bond
-        return borne(self.space, self.pairing, self.source, np.where(self.pairing.paired, bond, 0.0))
-
-    def area_changed_by_supports(self, before, u):
-        """Area of the points of this rank that ``u``, in which only supports have moved, opens or closes. *Collective.*
-
-        Obstacles have moved already: against them the comparison is with the last load step, else with the
-        displacement ``before``.
-        """
-        now = self.pressed(u)
-        then = np.where(self.closed, -1.0, 1.0) if self.rigid else self.pressed(before)
-        # surfaces that just touch are closed, and remain so
-        return float(np.sum(self.source.jxw[(now * then < 0.0) & self.pairing.paired]))
-
-    @property
-    def _recedes(self):
-        """Whether the pressure says what is open, and a tangent has been asked for."""
-        return not self.bilateral and self.law.follows_pressure and self._status is not None
-
-    def turned(self, u):
-        """See :meth:`pcontact.assembly.item.Item.turned`. *Collective.*"""
-        if not self.law.follows_pressure:
-            return np.full(4, np.inf)
-        if not self._recedes:
-            return np.zeros(4)
-        p = self.pairing
-        return turned(self._status > OPEN, p.paired, self.pressed(u, p.acts), self.source.jxw)
-
-    def recede(self, u, rule):
-        """Keep open what is open in the last tangent or in tension in ``u``, and the edge of the rest, see
-        :func:`pcontact.contact.receding.still_closed`. *Collective.*
-        """
-        if not self._recedes:
-            return rule
-        comm, closed = self.space.comm, self._status > OPEN
-        left = still_closed(closed, self.pressed(u, self.pairing.acts), self.source.jxw, comm)
-        before, after = comm.allreduce(np.array([closed.sum(), left.sum()]), op=MPI.SUM)
-        return None if after == 0 < before else replace(rule, opened=~left)
-
-    # -- how far the points go ------------------------------------------------------------------------------------
-
-    def step_limit(self, u, y, falls=None):
-        """See :func:`pcontact.contact.motion.step_limit`. *Collective.*"""
-        return motion.step_limit(self, u, y, falls) if self.floats and not self.law.tied else None
-
     def angle(self, start, end):
         """See :meth:`pcontact.assembly.item.Item.angle`."""
         return abs(self.target.angle(start, end)) if self.rigid else 0.0
@@ -548,10 +483,6 @@ class ContactPair(Item):
     def normal_motion(self, u, before):
         """See :func:`pcontact.contact.motion.normal_motion`. *Collective.*"""
         return 0.0 if self.law.tied else motion.normal_motion(self, u, before)
-
-    def clearance(self, u, fields, beyond=False):
-        """See :func:`pcontact.contact.motion.clearance`. *Collective.*"""
-        return motion.clearance(self, u, fields, beyond)
 
     # -- what remains of a load step ------------------------------------------------------------------------------
 
@@ -628,10 +559,6 @@ class ContactPair(Item):
         """
         arms = self.deformed(self.space.local.gather(u)) + (self.origin - self.target.pivot(self.time))
         return moments(arms, -state["traction"] * state["weight"][:, None])
-
-    def force_magnitudes(self, u):
-        """Magnitudes of the forces on every component, see :func:`pcontact.contact.summary.borne`. *Collective.*"""
-        return borne(self.space, self.pairing, self.source, np.linalg.norm(self.state(u)["traction"], axis=1))
 
 
 def method_of(space, contact, source):

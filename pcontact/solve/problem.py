@@ -3,16 +3,22 @@
 import numpy as np
 
 from pcontact.assembly.constrained import ConstrainedMatrix
-from pcontact.assembly.item import FROZEN, LAW
+from pcontact.assembly.item import FROZEN, LAW, active_set
 from pcontact.assembly.matrix import GlobalMatrix
 from pcontact.assembly.pattern import JoinedPattern
-from pcontact.contact.receding import MANY, MIXED, WIDE
 from pcontact.runtime import profile
 from pcontact.runtime.petsc import MPI
 
 # [-] So many rounding errors of the sum of magnitudes, an exact solution would leave. From: sums of
 # some eighty terms, whose rounding errors add up as the square root of their number.
 ROUNDINGS = 8.0
+# [points] So many, and such a part of the closed area, have to open, or to close, for a rule that takes a contact to
+# grow or to recede all along its edge. Row: opening.
+MANY = 12
+# [-] See MANY. Row: opening.
+WIDE = 0.02
+# [-] Part of that area which may change the other way at the same time. Row: opening.
+MIXED = 0.1
 # [-] Part of the area opened since a contact began to recede that may overlap; where most of it does, the bodies do
 # not lift off. Row: opening.
 MOSTLY = 0.6
@@ -40,6 +46,8 @@ class Problem:
     ----------
     time : float
         Time at which the load step ends.
+    active : list of (pcontact.assembly.item.Item, pcontact.assembly.item.ActiveSet)
+        Items with points that open and close.
     linear : bool
         Whether the tangent is constant.
     goes_on : bool
@@ -84,6 +92,7 @@ class Problem:
         self.space, self.items, self.supports, self.forces = space, items, supports, forces
         self.stabilisation = stabilisation
         self.bulk, self.others, self.contacts = items[0], items[1:], list(contacts)
+        self.active = [(item, one) for item in self.others if (one := active_set(item)) is not None]
         self.time, self.loose, self.stabilised, self.viscous, self.timed = 0.0, (), True, viscous, ()
         self.total, self.springs, self.sections, self.release, self.energy = (), (), (), None, None
         self.equations, self.lower, self.since, self.averages = None, None, {}, ()
@@ -184,9 +193,9 @@ class Problem:
 
     def _changed_by_supports(self, before, u):
         """Names of the items with points that the supports alone open or close. *Collective.*"""
-        areas = np.array([item.area_changed_by_supports(before, u) for item in self.others])
+        areas = np.array([one.area_changed_by_supports(before, u) for _, one in self.active])
         areas = self.space.comm.allreduce(areas, op=MPI.SUM)
-        return {item.name for item, area in zip(self.others, areas, strict=True) if area > 0.0}
+        return {item.name for (item, _), area in zip(self.active, areas, strict=True) if area > 0.0}
 
     def _prescribed(self, time):
         """Prescribed displacements (n_owned, d) [length]. *Collective.*"""
@@ -343,15 +352,14 @@ class Problem:
 
         Items without closed points go by their laws, unless supports that move have closed some of them.
         """
-        names = [item.name for item in self.others]
-        counts = np.array([item.closed_count() for item in self.others], dtype=np.int64)
+        counts = np.array([one.closed_count() for _, one in self.active], dtype=np.int64)
         counts = self.space.comm.allreduce(counts, op=MPI.SUM)
-        kept = self._changed | {name for name, count in zip(names, counts, strict=True) if count}
-        return tuple(FROZEN if name in kept else LAW for name in names)
+        kept = self._changed | {item.name for (item, _), count in zip(self.active, counts, strict=True) if count}
+        return tuple(FROZEN if item.name in kept else LAW for item in self.others)
 
     def turned(self, u):
-        """See :meth:`pcontact.assembly.item.Item.turned`: sums (4,) over items and ranks. *Collective.*"""
-        own = sum((item.turned(u) for item in self.others), np.zeros(4))
+        """See :meth:`pcontact.assembly.item.ActiveSet.turned`: sums (4,) over items and ranks. *Collective.*"""
+        own = sum((one.turned(u) for _, one in self.active), np.zeros(4))
         return self.space.comm.allreduce(own, op=MPI.SUM)
 
     def recede(self, u, since=None):
@@ -381,8 +389,8 @@ class Problem:
             goes = count > 0 and closes <= MOSTLY * (since - self.closed_area())
         if not goes:
             return None
-        found = tuple(item.recede(u, LAW) for item in self.others)
-        return None if any(rule is None for rule in found) else found
+        found = {id(item): one.recede(u, LAW) for item, one in self.active}
+        return None if None in found.values() else tuple(found.get(id(item), LAW) for item in self.others)
 
     # -- tangent ----------------------------------------------------------------------------------------------------
 
@@ -412,8 +420,8 @@ class Problem:
 
     def closed_area(self):
         """Area of all points that were closed in the last tangent [length^(d - 1)]. *Collective.*"""
-        own = sum(item.closed_area() for item in self.others)
-        return self.space.comm.allreduce(own, op=MPI.SUM) if self.others else 0.0
+        own = sum(one.closed_area() for _, one in self.active)
+        return self.space.comm.allreduce(own, op=MPI.SUM) if self.active else 0.0
 
     def _renew(self):
         self._joined = JoinedPattern([item.pattern() for item in self.others], self.space.n_owned)
@@ -430,7 +438,7 @@ class Problem:
         """
         if falls is None and any(item.holds for item in self.others):
             falls = np.zeros(self.space.mesh.n_components, dtype=bool)
-        parts = [item.step_limit(u, y, falls) for item in self.others]
+        parts = [one.step_limit(u, y, falls) for _, one in self.active]
         # nothing holds a loose body before it touches something: it goes there whatever its load is
         return min([part for part in parts if part is not None], default=1.0)
 
@@ -492,15 +500,19 @@ class Problem:
 
     def borne(self, u):
         """Sums of the magnitudes of the contact forces on every component (n_components,) [force]. *Collective.*"""
-        return self.space.comm.allreduce(sum(item.force_magnitudes(u) for item in self.items), op=MPI.SUM)
+        return self._by_component(one.force_magnitudes(u) for _, one in self.active)
 
     def bonds(self):
         """Forces (n_components,) that adhesion may exert on every component without pressure [force]. *Collective.*"""
-        return self.space.comm.allreduce(sum(item.bonds() for item in self.items), op=MPI.SUM)
+        return self._by_component(one.bonds() for _, one in self.active)
 
     def touched(self):
         """Area of every component (n_components,) that was closed at the end of the last load step. *Collective.*"""
-        return self.space.comm.allreduce(sum(item.closed_areas() for item in self.items), op=MPI.SUM)
+        return self._by_component(one.closed_areas() for _, one in self.active)
+
+    def _by_component(self, parts):
+        """Sum (n_components,) over ranks of arrays that are. *Collective.*"""
+        return self.space.comm.allreduce(sum(parts, np.zeros(self.space.mesh.n_components)), op=MPI.SUM)
 
     def applied(self, u):
         """Sums of the magnitudes of the external forces on every component (n_components,) at ``u`` [force].

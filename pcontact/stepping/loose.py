@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from pcontact.assembly.item import ActiveSet
 from pcontact.mesh.components import label
 from pcontact.runtime import log
 from pcontact.runtime.petsc import MPI
@@ -165,7 +166,7 @@ class Points:
         self._comm, fields = space.comm, [space.vector() for _ in bodies.fields]
         for field, values in zip(fields, bodies.fields, strict=True):
             field.setArray(values.ravel())
-        parts = [item.clearance(u, fields, beyond) for item in problem.items]
+        parts = [ActiveSet().clearance(u, fields), *(one.clearance(u, fields, beyond) for _, one in problem.active)]
         distance, numbers, rows = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
         # the last place is that of what does not move
         place = np.full(space.mesh.n_components + 1, -1, dtype=np.int64)

@@ -11,6 +11,7 @@ optimization", arXiv 2505.18576.
 
 import numpy as np
 
+from pcontact.assembly.item import ActiveSet
 from pcontact.runtime import log
 from pcontact.runtime.petsc import PETSc, has_package
 from pcontact.solve.preconditioners.direct import MUMPS_SPARE
@@ -213,7 +214,8 @@ class ContactRows:
     def __call__(self):
         """Global rows (n,) of this rank, sorted. *Collective.*"""
         space = self._problem.space
-        nodes = np.unique(np.concatenate([item.active_nodes() for item in self._problem.others]))
+        nodes = [ActiveSet().active_nodes(), *(one.active_nodes() for _, one in self._problem.active)]
+        nodes = np.unique(np.concatenate(nodes))
         count = space.comm.allreduce(len(nodes)) * space.dim
         if count and not self._said:
             log.info("contact filter: direct solve of %d unknowns at closed points between two multigrid cycles", count)

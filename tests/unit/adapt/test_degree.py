@@ -6,7 +6,8 @@ from pcontact.adapt.passes import Pass
 
 
 def done(unknowns, degree, mesh, entries):
-    return Pass(unknowns, unknowns, degree, mesh, Range(1.0, 2.0, "", 2), {"mesh": mesh}, expected=mesh, entries=entries)
+    known = Range(1.0, 2.0, "", 2)
+    return Pass(unknowns, unknowns, degree, mesh, known, {"mesh": mesh}, expected=mesh, entries=entries)
 
 
 PASSES = done(100, 1, 0.1, 1e3), done(300, 2, 0.05, 6e3)

@@ -373,9 +373,9 @@ def test_motions_change_distances_as_foreseen(tmp_path):
         moved = space.vector()
         moved.setArray(bodies.field(amounts).ravel())
         np.testing.assert_allclose(bodies.amounts(bodies.field(amounts)), amounts, atol=1e-14)
-        for item in problem.items[1:]:
-            before, numbers, rows = item.clearance(u, fields)
-            after = item.clearance(moved, fields)[0]
+        for _, active in problem.active:
+            before, numbers, rows = active.clearance(u, fields)
+            after = active.clearance(moved, fields)[0]
             known = sum((rows[:, k] * amounts[numbers[:, k]]).sum(axis=1) * (numbers[:, k] >= 0) for k in (0, 1))
             assert len(before) and np.abs(known).max() > 1e-3
             np.testing.assert_allclose(after, before + known, atol=1e-13)
@@ -408,12 +408,12 @@ def test_how_far_a_loose_body_goes_before_it_touches(tmp_path, law, hangs):
         for length, fall in ((1e-6, 0.99e6 * gap), (0.1, (gap + 0.05) / 0.1)):
             part = min(fall, 1.0) if hangs else fall
             way[upper, 1] = length
-            assert pair.step_limit(u, y) == pytest.approx(part, rel=1e-6)
+            assert pair.active.step_limit(u, y) == pytest.approx(part, rel=1e-6)
             # where it falls it does not hang, and where nothing falls a step has its size
-            assert pair.step_limit(u, y, np.array([False, True])) == pytest.approx(fall, rel=1e-6)
-            assert pair.step_limit(u, y, np.array([False, False])) == pytest.approx(min(fall, 1.0), rel=1e-6)
+            assert pair.active.step_limit(u, y, np.array([False, True])) == pytest.approx(fall, rel=1e-6)
+            assert pair.active.step_limit(u, y, np.array([False, False])) == pytest.approx(min(fall, 1.0), rel=1e-6)
         # a pair that it falls away from has no say
         y.scale(-1.0)
-        assert pair.step_limit(u, y, np.array([False, True])) is None
+        assert pair.active.step_limit(u, y, np.array([False, True])) is None
     finally:
         simulation.close()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pcontact.assembly.item import LAW, Item
-from pcontact.contact.receding import AGAIN, BORNE, still_closed, turned, weakest
+from pcontact.contact.active_set import AGAIN, BORNE, still_closed, turned, weakest
 from pcontact.runtime.petsc import MPI
 from pcontact.solve.problem import Problem
 from tests.support.few_unknowns import FewUnknowns, solved
@@ -92,6 +92,7 @@ class Beam(FewUnknowns):
         self._force[0] = -1.0
         super().__init__(n, None, None, 1.0, lambda u: np.abs(self._bend) @ np.abs(u) + stiffness * np.abs(u))
         self.others = [Bed(n, stiffness)]
+        self.active = [(self.others[0], self.others[0])]
 
     def residual(self, u, f, rules=None):
         w = u.getArray(readonly=True)
