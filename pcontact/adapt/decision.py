@@ -59,6 +59,8 @@ class Decision:
         Why the last pass is the last one.
     aim : float
         The error that meshes are made for: the target, or what can be reached where no mesh reaches the target.
+    most : float
+        Growth of the unknowns that the budget allows the next mesh.
     """
 
     def __init__(self, target, settings, passes, refining, comm):
@@ -80,7 +82,8 @@ class Decision:
         status : int or None
             `REACHED` or `SPENT`.
         step : tuple or None
-            ``plan`` and ``step`` of :class:`pcontact.adapt.degree.Tried`.
+            ``plan(most)``, how cells are cut with a growth of their number at most, and how they are with the one that
+            the budget is expected to allow: :class:`pcontact.adapt.refining.Step`.
         """
         self._settings.follow(done)
         goal = self._settings.goal
@@ -103,10 +106,10 @@ class Decision:
         far = cost_of(self._passes, self.aim)["unknowns"]
         if not self._budget.given and self._alike() > PATIENCE and far > FARTHEST * done.unknowns:
             return self._spent(f"at the rate seen it would take {far:.2g} unknowns")
-        self._most = self._budget.most(self._passes, clock.perf_counter() - self._start)
-        if self._most < GROWN:
+        self.most = self._budget.most(self._passes, clock.perf_counter() - self._start)
+        if self.most < GROWN:
             return self.spent(), None
-        self._asked = most = self._budget.of_cells(self._most)
+        self._asked = most = self._budget.of_cells(self.most)
         known = known and (self._refining.whole or self._trust(done) > TRUST or self._refining.corners.explain)
         whole = self._refining.whole
         step = self._step(space, watch, seen, done, most, known)
@@ -170,14 +173,6 @@ class Decision:
                 "load_steps": self._settings.steps, "degree": done.degree,
                 **({"divided": True} if step.divided else {})}  # fmt: skip
 
-    def holds_degree_2(self, mesh, done):
-        """Whether the budget has room for degree 2 on the mesh of a pass of degree 1, else degree 1 is chosen."""
-        more = 2.0**mesh.dim
-        if more <= self._most:
-            return True
-        self._settings.degree.take(1, f"the budget does not allow {more * done.unknowns:.2g} unknowns of degree 2")
-        return False
-
     def spent(self):
         """The exit status of a budget that is spent."""
         return self._spent(f"the budget is spent ({self._budget.by})")[0]
@@ -193,7 +188,7 @@ class Decision:
         step : pcontact.adapt.refining.Step
             That has made it.
         """
-        grown, most = unknowns / done.unknowns, self._most * self._passes[-1].unknowns / done.unknowns
+        grown, most = unknowns / done.unknowns, self.most
         self._budget.learn(grown, step.cuts.growth)
         fits, limited = grown <= most, step.cuts.growth > FULL * self._asked and step.cuts.part > self.wanted(done)
         if fits and not (limited and grown < FULL * most):

@@ -25,12 +25,12 @@ def keep(directory, mesh, scene, user):
     user : pcontact.scene.model.Scene
         The user's, whose output it has.
     """
-    raw = gathered(mesh, directory / MESH)
+    raw = gathered(mesh, directory / MESH, every=True)
     # groups by place are groups of the mesh by now
     scene = replace(scene, mesh=replace(scene.mesh, file=(directory / MESH).absolute()), output=user.output, regions=[])
 
     def files():
-        write(directory / MESH, raw, scene.mesh.order)
+        write(directory / MESH, raw, scene.mesh.order, mesh.curved)
         try:
             tables = tables_of(scene, directory)
         except TypeError as error:

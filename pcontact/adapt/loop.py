@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 from pcontact.adapt.decision import FAILED, REACHED, SPENT, Decision
-from pcontact.adapt.degree import Tried
 from pcontact.adapt.kept import keep
 from pcontact.adapt.measure import Measure
 from pcontact.adapt.passes import ended, line, report
@@ -22,6 +21,7 @@ from pcontact.runtime.lock import reserved
 from pcontact.runtime.options import Options
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
+from pcontact.scene.target import SMALLEST
 from pcontact.scene.validate import check_component
 from pcontact.simulation import Simulation
 from pcontact.view import extra
@@ -246,37 +246,34 @@ class Loop:
 
     def _onward(self, simulation, watch, done, step):
         """The next mesh, what is known on it, and None or the exit status where none fits the budget. *Collective.*"""
-        degree, last = self._settings.degree, Tried(simulation.mesh, watch, done, *step)
-        if degree.is_open and self._decision.holds_degree_2(simulation.mesh, done):
-            degree.try_higher(last)
+        degree, mesh, (plan, step) = self._settings.degree, simulation.mesh, step
+        aim = SMALLEST if self.target.best else self._decision.aim
+        if degree.is_open and degree.choose(done, aim, self._decision.most) == 2:
             done.next = {"unknowns": None, "mesh": None, "load_steps": self._settings.steps, "degree": 2}
             # a straight mesh is read anew, with nodes in the middles of its edges
-            straight = last.mesh.degree == 1
-            return (None, None, None) if straight else (last.mesh, watch.known, None)
-        begun = degree.choose(last, self._decision.aim)
-        done.next = self._decision.expected(begun.done, begun.step)
-        done.next["load_steps"] = self._settings.steps
-        known, finer, fits, step = begun.watch.known, None, False, begun.step
+            return (None, None, None) if mesh.degree == 1 else (mesh, watch.known, None)
+        done.next = self._decision.expected(done, step)
+        known, finer = None, None
         # the mesh that fills the budget best, of those whose neighbours have followed
         for _ in range(FITTED):
             made = []
 
             def cut(fields, step=step, made=made):
-                made.append(self._refining.cut(begun.mesh, step, fields, simulation.scene))
+                made.append(self._refining.cut(mesh, step, fields, simulation.scene))
                 return made[0].fields
 
-            moved = begun.watch.known.moved(cut)
-            unknowns = begun.done.unknowns * made[0].mesh.n_nodes_total / begun.mesh.n_nodes_total
-            fits, growth = self._decision.fits(unknowns, begun.done, step)
+            moved = watch.known.moved(cut)
+            unknowns = done.unknowns * made[0].mesh.n_nodes_total / mesh.n_nodes_total
+            fits, growth = self._decision.fits(unknowns, done, step)
             if fits and (finer is None or made[0].mesh.n_nodes_total > finer.mesh.n_nodes_total):
                 finer, known = made[0], moved
             if growth is None:
                 break
-            step = begun.plan(growth)
+            step = plan(growth)
         if finer is None:
             return None, None, self._decision.spent()
         self._refining.take(finer)
-        if self._decision.tells_nothing(begun.done):
+        if self._decision.tells_nothing(done):
             # bodies move otherwise: load steps that begin where they were take more iterations than others
             known = known._replace(every=False)
         return finer.mesh, known, None

@@ -139,9 +139,10 @@ def convert(path, target=None, order=1):
     return target, write(target, raw, order)
 
 
-def write(target, raw, order=1):
-    """Write a mesh that has been read, and return it as it was written; parameters as of :func:`convert`."""
-    curved = any(block.degree == 2 for block in raw.blocks)
+def write(target, raw, order=1, curved=None):
+    """Write a mesh that has been read, and return it as it was written; parameters as of :func:`convert`, and whether
+    its cells are curved: absent, as those of a file of degree 2."""
+    curved = any(block.degree == 2 for block in raw.blocks) if curved is None else curved
     if curved or order == 2:
         raw = complete(raw, 2)
     aside = Hdf5Aside(target, "-o")

@@ -41,7 +41,7 @@ def halved_where(comm, raw, marked, path, divide=False):
     return gathered(refine(mesh, more).mesh, path)
 
 
-def gathered(mesh, path):
+def gathered(mesh, path, every=False):
     """The whole mesh on rank 0, None elsewhere; cells and nodes by their numbers. *Collective.*
 
     Parameters
@@ -49,6 +49,8 @@ def gathered(mesh, path):
     mesh : pcontact.mesh.mesh.Mesh
     path : str or pathlib.Path
         For messages.
+    every : bool
+        Whether straight cells keep nodes in the middles of their edges, too.
 
     Returns
     -------
@@ -56,7 +58,7 @@ def gathered(mesh, path):
     """
     exchanger = Exchanger(mesh.comm)
     try:
-        return _gathered(exchanger, mesh, Path(path))
+        return _gathered(exchanger, mesh, Path(path), mesh.curved or every)
     finally:
         exchanger.free()
 
@@ -67,15 +69,15 @@ def _on_root(exchanger, table, dtype=np.int64):
     return np.concatenate([np.zeros((0, table.shape[1]), dtype=dtype), *parts.values()])
 
 
-def _gathered(exchanger, mesh, path):
-    degree, points = 2 if mesh.curved else 1, np.zeros((mesh.n_nodes_total, mesh.dim))
+def _gathered(exchanger, mesh, path, every):
+    degree, points = mesh.degree if every else 1, np.zeros((mesh.n_nodes_total, mesh.dim))
     numbers = _on_root(exchanger, mesh.file_nodes[:, None])[:, 0]
     places = _on_root(exchanger, mesh.points, np.float64)
     if len(numbers):
         points[numbers] = places
     tables = {}
     for block in mesh.blocks:
-        nodes, _ = mesh.geometry_nodes(block)
+        nodes = block.nodes if every else mesh.geometry_nodes(block)[0]
         rows = _on_root(exchanger, np.column_stack([block.ids, mesh.file_nodes[nodes]]))
         tables.setdefault(block.cell, []).append(rows)
     tables = {cell: np.concatenate(parts) for cell, parts in tables.items()}

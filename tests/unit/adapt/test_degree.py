@@ -1,37 +1,33 @@
-"""Which degree reaches a target with less work, and the pass from which the loop goes on."""
+"""Which degree the passes have."""
 
-from pcontact.adapt.degree import Degree, Tried, cheaper
+import pytest
+
+from pcontact.adapt.degree import ENTRIES, Degree
 from pcontact.adapt.known import Range
 from pcontact.adapt.passes import Pass
 
 
-def done(unknowns, degree, mesh, entries):
-    known = Range(1.0, 2.0, "", 2)
-    return Pass(unknowns, unknowns, degree, mesh, known, {"mesh": mesh}, expected=mesh, entries=entries)
+def done(error, dim=2, **more):
+    return Pass(100, 50, 1, error, Range(1.0, 2.0, "", dim), {"mesh": error}, expected=error, **more)
 
 
-PASSES = done(100, 1, 0.1, 1e3), done(300, 2, 0.05, 6e3)
+@pytest.mark.parametrize("dim", [2, 3])
+def test_degree_1_stays_where_it_takes_fewer_entries(dim):
+    """Its error falls with the unknowns to the power 1 / d: a target that is nearly reached is that of degree 1."""
+    near = ENTRIES[dim] ** (1.0 / dim)
+    for ratio, degree in ((0.99 * near, 1), (1.01 * near, 2)):
+        choice = Degree(None)
+        assert choice.is_open and choice.choose(done(0.01 * ratio, dim), 0.01, 1e3) == degree == choice.now
+        assert choice.chosen["degree"] == degree and not choice.is_open
+    # the error of a force is the square of that
+    force = done(0.01 * near**2 * 0.99, dim, quantity={"extrapolated": 1.0})
+    assert Degree(None).choose(force, 0.01, 1e3) == 1
 
 
-def test_the_degree_that_takes_fewer_entries():
-    """A smooth solution is that of degree 2, a target that is nearly reached that of degree 1."""
-    assert cheaper(*PASSES, 0.01)["degree"] == 2
-    near = cheaper(*PASSES, 0.09)
-    assert near["degree"] == 1 and near["entries"]["2"] == 6e3
-
-
-def test_both_degrees_are_tried_once():
-    lower, higher = (Tried("mesh", "watch", one, None, "step") for one in PASSES)
-    for error, best in ((0.01, higher), (0.09, lower)):
-        degree = Degree(None)
-        assert degree.is_open
-        degree.try_higher(lower)
-        assert degree.now == 2 and not degree.is_open
-        assert degree.choose(higher, error) is best and degree.now == best.done.degree
-        assert degree.chosen["degree"] == degree.now and not degree.is_open
-        assert degree.choose(higher, error) is higher
+def test_a_budget_that_does_not_hold_degree_2():
+    choice = Degree(None)
+    assert choice.choose(done(0.5), 0.01, 3.9) == 1 and "budget" in choice.chosen["why"]
 
 
 def test_a_degree_that_is_given_stays():
-    degree, one = Degree(1), Tried("mesh", "watch", PASSES[0], None, "step")
-    assert not degree.is_open and degree.choose(one, 0.01) is one and degree.chosen is None
+    assert not Degree(1).is_open and Degree(2).now == 2 and Degree(1).chosen is None

@@ -98,7 +98,7 @@ def test_errors_of_quantities_that_fall():
 
 @pytest.mark.parametrize("foretold, told", [(0.05, "dual problem"), (0.01, "dual problem and meshes")])
 def test_a_change_that_no_dual_problem_has_foretold_counts(foretold, told):
-    """From one mesh to the next a force grows by 0.04: with an error of 0.01 left, 0.05 or 0.01 had been said."""
+    """From one mesh to the next a force grows by 0.04: with 0.01 left, 0.05 or 0.01 had been said before."""
     simulation = SimpleNamespace(scene=SimpleNamespace(plastic=False))
     seen = Seen(Target(0.1, "force:face"), None, None)
 
