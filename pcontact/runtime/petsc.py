@@ -94,11 +94,6 @@ newton_reasons = {
 }
 
 
-def _check(code, what):
-    if code != 0:
-        raise RuntimeError(f"{what} failed with PETSc error {code}")
-
-
 # PETSc's integer, for arguments and results
 Integer = np.ctypeslib.as_ctypes_type(PETSc.IntType)
 
@@ -154,12 +149,7 @@ def matrix_parts(matrix):
         return [matrix.handle]
     own, other, columns = ctypes.c_void_p(), ctypes.c_void_p(), ctypes.c_void_p()
     name = "MatMPI{0}GetSeq{0}".format(_storage(matrix))
-    _check(
-        getattr(_lib, name)(
-            ctypes.c_void_p(matrix.handle), ctypes.byref(own), ctypes.byref(other), ctypes.byref(columns)
-        ),
-        name,
-    )
+    call(name, handle(matrix), *map(ctypes.byref, (own, other, columns)))
     return [own.value, other.value]
 
 
@@ -202,7 +192,7 @@ class local_values:  # noqa: N801
 
     def _call(self, which, handle, pointer):
         name = self._functions[which]
-        _check(getattr(_lib, name)(ctypes.c_void_p(handle), ctypes.byref(pointer)), name)
+        call(name, ctypes.c_void_p(handle), ctypes.byref(pointer))
 
 
 def preallocate_sell(matrix, own, other):
@@ -214,12 +204,10 @@ def preallocate_sell(matrix, own, other):
     own, other : ndarray (n,)
         Entries of each owned row: in owned columns, and in others.
     """
-    handle, number = ctypes.c_void_p(matrix.handle), np.ctypeslib.as_ctypes_type(PETSc.IntType)
-    counts = [np.ascontiguousarray(part, dtype=PETSc.IntType) for part in (own, other)]
-    own, other = ((number(int(part.max(initial=0))), ctypes.c_void_p(part.ctypes.data)) for part in counts)
-    # each is for one number of ranks, and does nothing on the other
-    _check(_lib.MatSeqSELLSetPreallocation(handle, *own), "MatSeqSELLSetPreallocation")
-    _check(_lib.MatMPISELLSetPreallocation(handle, *own, *other), "MatMPISELLSetPreallocation")
+    own, other = (np.ascontiguousarray(part, dtype=PETSc.IntType) for part in (own, other))
+    own, other = ((int(part.max(initial=0)), part) for part in (own, other))
+    call("MatSeqSELLSetPreallocation", handle(matrix), *own)
+    call("MatMPISELLSetPreallocation", handle(matrix), *own, *other)
 
 
 def known_types(make, names):
@@ -237,7 +225,7 @@ def known_types(make, names):
     table, found = ctypes.c_void_p.in_dll(_lib, f"{make.__name__}List"), ctypes.c_void_p()
 
     def known(name):
-        _check(_lib.PetscFunctionListFind_Private(table, name.encode(), ctypes.byref(found)), "PetscFunctionListFind")
+        call("PetscFunctionListFind_Private", table, name.encode(), ctypes.byref(found))
         return bool(found.value)
 
     return [name for name in names if known(f"seq{name}") or known(name)]
@@ -286,7 +274,7 @@ def graph_of_long_rows(matrix, longest):
         own = _GRAPH_TYPE(make)
         # it is called as long as there is the matrix
         matrix.setAttr("graph", own)
-        _check(_lib.MatSetOperation(ctypes.c_void_p(matrix.handle), _GRAPH, own), "MatSetOperation")
+        call("MatSetOperation", handle(matrix), ctypes.c_int(_GRAPH), own)
 
 
 def graph_of_blocks(matrix):
@@ -312,10 +300,7 @@ def graph_of_blocks(matrix):
     nodes = columns.reshape(-1, size)[at, 0] // size
     csr = (first.astype(PETSc.IntType), nodes.astype(PETSc.IntType), sums)
     graph = PETSc.Mat().createAIJ(((n, total), (n, total)), csr=csr, comm=matrix.getComm())
-    _check(
-        _lib.MatPropagateSymmetryOptions(ctypes.c_void_p(matrix.handle), ctypes.c_void_p(graph.handle)),
-        "MatPropagateSymmetryOptions",
-    )
+    call("MatPropagateSymmetryOptions", handle(matrix), handle(graph))
     return graph
 
 
@@ -330,8 +315,7 @@ def keep_preconditioner(snes, keep):
     Notes ----- SNES itself tells its Krylov method after every Jacobian, by its lag; petsc4py does not reach the lag
     in all versions.
     """
-    lag = np.ctypeslib.as_ctypes_type(PETSc.IntType)(-1 if keep else 1)
-    _check(_lib.SNESSetLagPreconditioner(ctypes.c_void_p(snes.handle), lag), "SNESSetLagPreconditioner")
+    call("SNESSetLagPreconditioner", handle(snes), -1 if keep else 1)
 
 
 def forget_pattern(ksp):
@@ -388,13 +372,13 @@ def own_options():
     What was in that one before is neither seen nor changed. May be nested.
     """
     database = ctypes.c_void_p()
-    _check(_lib.PetscOptionsCreate(ctypes.byref(database)), "PetscOptionsCreate")
-    _check(_lib.PetscOptionsPush(database), "PetscOptionsPush")
+    call("PetscOptionsCreate", ctypes.byref(database))
+    call("PetscOptionsPush", database)
     try:
         yield
     finally:
-        _check(_lib.PetscOptionsPop(), "PetscOptionsPop")
-        _check(_lib.PetscOptionsDestroy(ctypes.byref(database)), "PetscOptionsDestroy")
+        call("PetscOptionsPop")
+        call("PetscOptionsDestroy", ctypes.byref(database))
 
 
 def _library():
@@ -446,5 +430,5 @@ def unknown_options(names):
 def option_used(name):
     """Whether anything asked the options database for an option."""
     used = ctypes.c_int(0)
-    _check(_lib.PetscOptionsUsed(None, name.encode(), ctypes.byref(used)), "PetscOptionsUsed")
+    call("PetscOptionsUsed", None, name.encode(), ctypes.byref(used))
     return bool(used.value)
