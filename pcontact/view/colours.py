@@ -1,26 +1,25 @@
-"""What colour a number has."""
+"""Colours of numbers, the style of figures, and how they are written."""
 
 from dataclasses import dataclass
 
+import matplotlib
 import numpy as np
 from matplotlib.colors import ListedColormap, Normalize
 
-INK = "#1c2733"
+from pcontact.runtime.errors import InputError
+from pcontact.runtime.files import written_aside
+
+DPI, INK, PALE = 150, "#1c2733", "#5b6773"
+STYLE = {"font.family": "DejaVu Sans", "font.size": 9, "axes.linewidth": 0.6, "text.color": INK,
+         "axes.edgecolor": PALE, "axes.labelcolor": PALE, "xtick.color": PALE,
+         "ytick.color": PALE, "xtick.major.width": 0.6, "ytick.major.width": 0.6}  # fmt: skip
+# lines and letters stay sharp
+_SAVE = dict.fromkeys((".jpg", ".jpeg", ".webp"), {"pil_kwargs": {"quality": 90}})
 GREYS = ("#c6cdd4", "#ddd6ca", "#cbd5c8", "#d8cdd4")  # of one body after the other
 # amounts that start at nothing
 _COLOURS = {"contact_pressure": "YlOrRd", "pressure": "YlOrRd", "equivalent_plastic_strain": "magma_r"}
-_KINDS = (
-    "#d8dde2",
-    "#2a9d8f",
-    "#e76f51",
-    "#457b9d",
-    "#e9c46a",
-    "#8e6c8a",
-    "#81b29a",
-    "#bc6c25",
-    "#5c677d",
-    "#c1666b",
-)
+_KINDS = ("#d8dde2", "#2a9d8f", "#e76f51", "#457b9d", "#e9c46a", "#8e6c8a", "#81b29a", "#bc6c25",
+          "#5c677d", "#c1666b")  # fmt: skip
 
 
 @dataclass
@@ -114,3 +113,13 @@ def colour_scale(quantity, colormaps):
         high = 0.0
     high = high if high > low else low + max(abs(low), 1.0) * 1e-3
     return ColourScale(colormaps[_COLOURS.get(quantity.name, "Spectral_r")], Normalize(low, high), extend, [])
+
+
+def save(figure, output):
+    """Write a figure; what it cannot be written as is the user's error."""
+    with matplotlib.rc_context(STYLE):
+        try:
+            with written_aside(output, "-o") as part:
+                figure.savefig(part, dpi=figure.dpi, **_SAVE.get(output.suffix.lower(), {}))
+        except ValueError as problem:
+            raise InputError(f"{output}: the picture cannot be written: {problem}") from problem

@@ -12,19 +12,12 @@ from matplotlib.figure import Figure
 
 from pcontact.io.result import load_result
 from pcontact.runtime.errors import InputError
-from pcontact.runtime.files import written_aside
 from pcontact.view import camera, cells, profile, render, shapes
-from pcontact.view.colours import INK, colour_scale
+from pcontact.view.colours import DPI, INK, PALE, STYLE, colour_scale, save
 from pcontact.view.quantity import find
 
 # pixels per inch of pictures that are as wide as this [pixels] or wider; letters of narrower ones are smaller
-DPI, NARROW = 150, 1200
-# lines and letters stay sharp
-_SAVE = dict.fromkeys((".jpg", ".jpeg", ".webp"), {"pil_kwargs": {"quality": 90}})
-_PALE = "#5b6773"
-_STYLE = {"font.family": "DejaVu Sans", "font.size": 9, "axes.linewidth": 0.6, "text.color": INK,
-          "axes.edgecolor": _PALE, "axes.labelcolor": _PALE, "xtick.color": _PALE,
-          "ytick.color": _PALE, "xtick.major.width": 0.6, "ytick.major.width": 0.6}  # fmt: skip
+NARROW = 1200
 _WHOLE, _LEFT = (0.02, 0.03, 0.85, 0.84), (0.02, 0.03, 0.51, 0.84)
 _RIGHT, _BAR = (0.60, 0.27, 0.265, 0.424), (0.895, 0.27, 0.016, 0.424)
 _CLOSE = 0.4  # border around the contact in a near view, in its own lengths
@@ -93,16 +86,6 @@ def picture(directory, field=None, output=None, step=-1, **look):
     return output
 
 
-def save(figure, output):
-    """Write a figure; what it cannot be written as is the user's error."""
-    with matplotlib.rc_context(_STYLE):
-        try:
-            with written_aside(output, "-o") as part:
-                figure.savefig(part, dpi=figure.dpi, **_SAVE.get(output.suffix.lower(), {}))
-        except ValueError as problem:
-            raise InputError(f"{output}: the picture cannot be written: {problem}") from problem
-
-
 def staged(result, field, look):
     """What is to be drawn of a result: a stage for each field."""
     if cells.dimension(result.bodies) < 2:
@@ -118,7 +101,7 @@ def compose(stages, look):
     -------
     matplotlib.figure.Figure
     """
-    with matplotlib.rc_context(_STYLE):
+    with matplotlib.rc_context(STYLE):
         dpi = DPI * min(1.0, look.size[0] / NARROW)
         figure = Figure(figsize=(look.size[0] / dpi, look.size[1] / dpi), dpi=dpi, facecolor="white")
         FigureCanvasAgg(figure)
@@ -402,7 +385,7 @@ class _Row:
             where = f"across {'xyz'[wanted[0]]}" if isinstance(wanted, tuple) else "at the contact"
             notes.append(f"cut open {where}")
         notes += ["cells averaged at the nodes"] * stage.smooth
-        self._text(0.03, 1 - 0.095 / height**0.5, "  ·  ".join(notes), fontsize=9, color=_PALE, va="center")
+        self._text(0.03, 1 - 0.095 / height**0.5, "  ·  ".join(notes), fontsize=9, color=PALE, va="center")
 
     def _is_magnitude(self):
         """Is the quantity the length of a vector."""
@@ -417,7 +400,7 @@ class _Row:
         bar.outline.set_linewidth(0.5)
         name = textwrap.fill(self.quantity.label, 16)
         # above the power of ten that the numbers may have
-        self._text(0.985, sum(_BAR[1::2]) + 0.05, name, fontsize=8, color=_PALE, ha="right", va="bottom")
+        self._text(0.985, sum(_BAR[1::2]) + 0.05, name, fontsize=8, color=PALE, ha="right", va="bottom")
         if scale.kinds:
             kinds = scale.kinds if len(scale.kinds) <= 16 else scale.kinds[:: len(scale.kinds) // 8]
             bar.set_ticks(kinds, labels=[self.quantity.word(kind) for kind in kinds])
@@ -427,7 +410,7 @@ class _Row:
         values = self.quantity.all_values
         if len(values):
             ends = f"max {values.max():.4g}\nmin {values.min():.4g}"
-            self._text(0.985, 0.205, ends, fontsize=8, color=_PALE, va="center", ha="right", linespacing=1.5)
+            self._text(0.985, 0.205, ends, fontsize=8, color=PALE, va="center", ha="right", linespacing=1.5)
 
 
 def _ticks(axes, across, upward):

@@ -3,6 +3,7 @@
 import csv
 import difflib
 import json
+from contextlib import contextmanager
 from pathlib import Path
 
 import matplotlib
@@ -10,12 +11,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from pcontact.runtime.errors import InputError
-from pcontact.runtime.files import whole_lines, written_aside
-
-_DPI = 150
-_STYLE = {"font.family": "DejaVu Sans", "font.size": 9, "axes.linewidth": 0.6, "text.color": "#1c2733",
-          "axes.edgecolor": "#5b6773", "axes.labelcolor": "#5b6773", "xtick.color": "#5b6773",
-          "ytick.color": "#5b6773"}  # fmt: skip
+from pcontact.runtime.files import whole_lines
+from pcontact.view.colours import DPI, PALE, STYLE, save
 
 
 def table(directory):
@@ -83,9 +80,7 @@ def plot(directory, names, output=None, size=(1000, 700)):
             raise InputError(f"{directory}: no column {name!r}; allowed: {', '.join(columns)}{hint}")
     output = Path(output or Path(directory) / f"{'_'.join(upward)}_over_{across}.png".replace("/", "_"))
     output = output if output.suffix else output.with_suffix(".png")
-    with matplotlib.rc_context(_STYLE):
-        figure = Figure(figsize=(size[0] / _DPI, size[1] / _DPI), dpi=_DPI, layout="constrained")
-        axes = figure.subplots()
+    with _chart(output, size) as axes:
         for name in upward:
             axes.plot(columns[across], columns[name], "o-", ms=3, lw=1.2, label=name)
         axes.set_xlabel(across)
@@ -93,7 +88,6 @@ def plot(directory, names, output=None, size=(1000, 700)):
             axes.set_ylabel(upward[0])
         else:
             axes.legend(frameon=False)
-        _save(figure, axes, output)
     return output
 
 
@@ -115,23 +109,22 @@ def plot_errors(directory, output, size=(1000, 700)):
     """
     section = json.loads((Path(directory) / "report.json").read_text(encoding="utf-8"))["accuracy"]
     passes, target = section["passes"], section["target"]
-    with matplotlib.rc_context(_STYLE):
-        figure = Figure(figsize=(size[0] / _DPI, size[1] / _DPI), dpi=_DPI, layout="constrained")
-        axes = figure.subplots()
+    with _chart(Path(output), size) as axes:
         unknowns = [one["unknowns"] for one in passes]
         axes.loglog(unknowns, [one["error"] for one in passes], "o-", ms=4, lw=1.2, label="named")
         axes.loglog(unknowns, [one["estimate"] for one in passes], "s:", ms=3, lw=1.0, mfc="none", label="estimate")
-        axes.axhline(target["error"], color="#5b6773", lw=0.8, ls="--", label="target")
+        axes.axhline(target["error"], color=PALE, lw=0.8, ls="--", label="target")
         axes.set(xlabel="unknowns", ylabel=f"relative error of {target['of']}")
         axes.legend(frameon=False)
-        _save(figure, axes, Path(output))
 
 
-def _save(figure, axes, output):
-    axes.grid(lw=0.3)
-    axes.spines[["top", "right"]].set_visible(False)
-    try:
-        with written_aside(output, "-o") as part:
-            figure.savefig(part, dpi=_DPI)
-    except ValueError as problem:
-        raise InputError(f"{output}: the picture cannot be written: {problem}") from problem
+@contextmanager
+def _chart(output, size):
+    """Axes of a figure of some pixels, which is written at the end."""
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(size[0] / DPI, size[1] / DPI), dpi=DPI, layout="constrained")
+        axes = figure.subplots()
+        yield axes
+        axes.grid(lw=0.3)
+        axes.spines[["top", "right"]].set_visible(False)
+    save(figure, output)
