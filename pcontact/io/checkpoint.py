@@ -11,7 +11,7 @@ import numpy as np
 
 from pcontact.runtime.files import Hdf5Aside, make_directory
 from pcontact.runtime.observer import Observer
-from pcontact.runtime.parallel import together, write_rows
+from pcontact.runtime.parallel import aside_of_root, write_rows
 
 NAME, VERSION = "checkpoint.h5", 4
 ROWS = 1 << 20  # rows that are read at a time
@@ -65,28 +65,14 @@ class Checkpoint(Observer):
             self._first = step.time
         if step.number % self._every and not self._schedule.done:
             return
-        comm = self._space.comm
-        # whether rank 0 can write is settled before the others wait for it
-        aside = together(comm, self._open, step)
-        try:
+        with aside_of_root(self._space.comm, lambda: self._open(step)) as aside:
             self._rows(aside, u, step.before)
-            together(comm, self._place, aside)
-        finally:
-            if aside is not None:
-                aside.discard()
 
     def _open(self, step):
-        if self._space.comm.rank != 0:
-            return None
         make_directory(self.path.parent)
         aside = Hdf5Aside(self.path)
         self._head(aside.file, step)
         return aside
-
-    def _place(self, aside):
-        """Put the file in place once the disk has it."""
-        if aside is not None:
-            aside.place()
 
     def _head(self, file, step):
         space = self._space

@@ -10,9 +10,8 @@ import h5py
 import numpy as np
 
 from pcontact.io import vtu
-from pcontact.io.parts import on_all
 from pcontact.runtime.files import Hdf5Aside
-from pcontact.runtime.parallel import write_rows
+from pcontact.runtime.parallel import aside_of_root, write_rows
 
 ROOT, VERSION = "VTKHDF", (2, 1)
 _MESH = ("Points", "Connectivity", "Offsets", "Types")
@@ -39,11 +38,13 @@ def write_step(comm, path, grids, parts, level=0, meshes=None):
     OutputError
         On all ranks: the file of before, if any, is still there.
     """
-    aside = on_all(comm, lambda: Hdf5Aside(path, summed=False) if comm.rank == 0 else None)
-    try:
-        if aside is not None:
-            _typed(aside.file.create_group(ROOT, track_order=True), "MultiBlockDataSet").create_group(
-                "Assembly", track_order=True)  # fmt: skip
+    def begun():
+        aside = Hdf5Aside(path, summed=False)
+        _typed(aside.file.create_group(ROOT, track_order=True), "MultiBlockDataSet")
+        aside.file.create_group(f"{ROOT}/Assembly", track_order=True)
+        return aside
+
+    with aside_of_root(comm, begun) as aside:
         for key, name in zip(parts, _names(parts), strict=True):
             grid = grids[key]
             counts = np.array(comm.allgather((len(grid.points), len(grid.types), len(grid.connectivity))))
@@ -54,10 +55,6 @@ def write_step(comm, path, grids, parts, level=0, meshes=None):
             for label, array in arrays.items():
                 if link is None or label not in _MESH:
                     write_rows(comm, aside, f"{ROOT}/{name}/{label}", array, level)
-        on_all(comm, lambda: aside.place() if aside is not None else None)
-    finally:
-        if aside is not None:
-            aside.discard()
 
 
 def read_step(path):

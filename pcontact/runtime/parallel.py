@@ -1,5 +1,7 @@
 """Talking between ranks: agreement on errors, sparse exchange, and the plan that moves nodal values."""
 
+from contextlib import contextmanager
+
 import numpy as np
 
 from pcontact.runtime import profile
@@ -73,6 +75,30 @@ def agree(comm, error):
     if rank < comm.size:
         error = comm.bcast(error, root=rank)
         raise InputError(error) if isinstance(error, str) else error
+
+
+@contextmanager
+def aside_of_root(comm, make):
+    """A file that rank 0 writes for all, put in place at the end; what fails there is raised by all. *Collective.*
+
+    Parameters
+    ----------
+    comm : MPI.Comm
+    make : callable
+        Makes the :class:`pcontact.runtime.files.Hdf5Aside`. Whether it can is settled before the others wait for it.
+
+    Yields
+    ------
+    pcontact.runtime.files.Hdf5Aside or None
+        On rank 0; None elsewhere.
+    """
+    aside = on_root(comm, make)
+    try:
+        yield aside
+        on_root(comm, lambda: aside.place())
+    finally:
+        if aside is not None:
+            aside.discard()
 
 
 def write_rows(comm, aside, place, array, level=0):
