@@ -218,7 +218,8 @@ class Heat:
             values = _fit(space, block, jxw, own, self.temperatures(number, rows, own)[0])(points, cells)
         else:
             values = self.temperatures(number, rows[cells], points)[0]
-        return self.stress(number, points, values).reshape(*points.shape[:2], -1)
+        stress = self.stress(number, points, values)
+        return stress.reshape(*points.shape[:2], stress.shape[1])
 
 
 class HeatTrace:

@@ -117,7 +117,8 @@ class NodalField:
         xi = reference_places(block.cell, degree, mesh.points[table[rows]], points)
         if not self._whole:
             table, degree = table[:, : CELLS[block.cell].n_vertices], 1
-        weights = shape(block.cell, degree, xi.reshape(-1, xi.shape[2])).reshape(*xi.shape[:2], -1)
+        weights = shape(block.cell, degree, xi.reshape(-1, xi.shape[2]))
+        weights = weights.reshape(*xi.shape[:2], weights.shape[1])
         return np.einsum("nma,na->nm", weights, self._values[table[rows]])
 
 
