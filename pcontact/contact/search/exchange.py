@@ -7,7 +7,7 @@ import numpy as np
 from pcontact.contact.search.cones import normal_cones
 from pcontact.contact.search.projection import closest_points, ray_tracing
 from pcontact.contact.search.query import QueryPoints, TargetFacets
-from pcontact.contact.search.table import EVEN, TIE
+from pcontact.contact.search.table import EVEN, GIVEN_UP, TIE
 from pcontact.contact.search.tree import build_tree
 from pcontact.contact.search.walk import ROUNDING
 from pcontact.contact.surface.facet_maps import facet_boxes, padded
@@ -59,7 +59,11 @@ class Found(NamedTuple):
     facets: np.ndarray | None = None
 
 
-BOXES = 8
+# boxes around the facets of a rank: the rank with the nearest one is asked first, and should have the partner
+BOXES = 128
+# facets tried for a point before others are asked: more than meet at a node. A rank with the partner tries two on
+# average, and one without it all within the radius, as nothing ends its search
+PATIENCE = 8
 
 
 def _boxes(low, high):
@@ -157,31 +161,33 @@ class _Searched:
             cones = normal_cones(tree, x, kinds, corners, self._exclusion)
         self._facets = TargetFacets(tree, x, kinds, ids, own, cones)
 
-    def project(self, asked, radius):
+    def project(self, asked, radius, patience):
         """Answers of this rank for some points, and how many facets were tried.
 
         Returns
         -------
         rows : ndarray (n,)
-            The points with a partner here.
+            The points with a partner here, and those that were given up, whose facet id is `GIVEN_UP`.
         answers : ndarray (n, columns)
             Of those: facet id, distance, gap, how it is held, facet size, y, normal, nodes, shape, rank, row and
             reference point, offset and facet if asked for.
         candidates : int
         """
         target, d = self._target, self._facets.x.shape[2]
-        query, about = QueryPoints(asked[:, :d], asked[:, d : 2 * d], radius), asked[:, 2 * d :]
+        query, about = QueryPoints(asked[:, :d], asked[:, d : 2 * d], radius, patience), asked[:, 2 * d :]
         exclusion = None if self._exclusion is None else target.placed(self._exclusion, about)
         p = self._search(self._facets, query, exclusion=exclusion, **self._criteria)
-        rows = np.flatnonzero(p.facet >= 0)
-        facet = p.facet[rows]
+        rows = np.flatnonzero(p.facet != -1)
+        facet = np.maximum(p.facet[rows], 0)
         weights, nodes = target.shape(facet, p.xi[rows]), self._numbers[target.nodes[facet]]
         parts = [p.id, p.distance, p.gap, p.held, p.size, p.y, p.normal]
         smooth = [] if target.smooth is None else [target.smooth.at_target(target, facet, p.xi[rows])]
         facets = [self._facets.x[facet].reshape(len(facet), d * self._facets.x.shape[1])] if self._tell else []
         place = np.full(len(rows), self._rank), facet, p.xi[rows, : d - 1]
         out = np.column_stack([*(part[rows] for part in parts), nodes, weights, *place, *smooth, *facets])
-        return rows, out.astype(float, copy=False), int(p.candidates.sum())
+        out = out.astype(float, copy=False)
+        out[p.facet[rows] == GIVEN_UP, 0] = GIVEN_UP
+        return rows, out, int(p.candidates.sum())
 
 
 def _best(points, answers, n_points, d):
@@ -267,7 +273,7 @@ class PartnerSearch:
         asking = np.column_stack([query.x, query.normal, *([] if about is None else [about])])
         if space.comm.size == 1:
             count = n_points
-            found, answers, candidates = self._searched.project(asking, query.radius)
+            found, answers, candidates = self._searched.project(asking, query.radius, query.patience)
         else:
             found, answers, candidates, count = _remote(
                 space, self._searched, self._boxes, asking, query.radius, sum(self._columns)
@@ -301,43 +307,56 @@ class PartnerSearch:
 
 
 def _remote(space, searched, boxes, asking, radius, columns):
-    """Ask the ranks whose boxes are near, answer those who ask here.
+    """Ask the ranks whose boxes are near, answer those who ask here. *Collective.*
 
     First each point asks the rank with the nearest box, then those others whose boxes are nearer than the partner that
-    it has heard of: most points ask one rank, however many have facets within the search radius.
+    it has heard of: most points ask one rank, however many have facets within the search radius. Ranks that have given
+    a point up are asked again last, when the partner that others have bounds what they look at.
     """
     ranks, away = route(space.comm, *boxes, asking[:, : space.dim], radius)
-    first = np.zeros(away.shape, dtype=bool)
+    first, left = np.zeros(away.shape, dtype=bool), np.zeros(away.shape, dtype=bool)
     if len(ranks):
         # among equals this rank, then the smallest
         first[np.argmin(away, axis=0), np.arange(len(asking))] = True
-        first &= away < np.inf
-    farthest = np.full(len(asking), float(radius))
-    k, point = np.nonzero(first)
-    found, answers, candidates = _ask(space, searched, asking, point, ranks[k], farthest, columns)
-    # what is as near, up to rounding, may still win: as an interior projection, or by its smaller number
-    farthest[found] = np.minimum(farthest[found], answers[:, 1] * (1.0 + 1e-12) + 1e-9 * answers[:, 4])
-    k, more = np.nonzero(~first & (away <= farthest))
-    others = _ask(space, searched, asking, more, ranks[k], farthest, columns)
-    count = len(point) + len(more)
-    return np.concatenate([found, others[0]]), np.concatenate([answers, others[1]]), candidates + others[2], count
+    farthest, everything = np.full(len(asking), float(radius)), QueryPoints(None, None, radius).patience
+    found, answers, candidates, count = [], [], 0, 0
+    for which, patience in ((first, PATIENCE), (~first, PATIENCE), (left, everything)):
+        k, point = np.nonzero(which & (away <= farthest) & (away < np.inf))
+        rows, table, tried = _ask(space, searched, (asking[point], farthest[point], patience), ranks[k], columns)
+        unknown = table[:, 0] == GIVEN_UP
+        left[k[rows[unknown]], point[rows[unknown]]] = True
+        rows, table = point[rows[~unknown]], table[~unknown]
+        # what is as near, up to rounding, may still win: as an interior projection, or by its smaller number
+        np.minimum.at(farthest, rows, table[:, 1] * (1.0 + 1e-12) + 1e-9 * table[:, 4])
+        found.append(rows)
+        answers.append(table)
+        candidates, count = candidates + tried, count + len(point)
+    return np.concatenate(found), np.concatenate(answers), candidates, count
 
 
-def _ask(space, searched, asking, point, rank, radius, columns):
-    """Send points to ranks, with their search radii (np,), and bring back the answers (columns). *Collective.*
+def _ask(space, searched, asked, rank, columns):
+    """Send points to ranks and bring back the answers (columns). *Collective.*
+
+    Parameters
+    ----------
+    asked : (ndarray (n, m), ndarray (n,), int)
+        What is to be known of the points, their search radii [length], and how patient the search is.
+    rank : ndarray (n,)
+        Whom each point asks.
 
     Returns
     -------
-    found : ndarray (n,)
-        Points of this rank with a partner there, one entry for each answer.
+    rows : ndarray (m,)
+        Points with an answer, one entry for each.
     answers, candidates
         See :meth:`_Searched.project`.
     """
+    asking, radius, patience = asked
     n_columns = asking.shape[1] + 1
-    sends, order = split_by_rank(rank, np.column_stack([asking[point], radius[point]]))
+    sends, order = split_by_rank(rank, np.column_stack([asking, radius]))
     asked = space.exchanger(sends, np.float64, n_columns)
     joined = np.concatenate(list(asked.values())) if asked else np.zeros((0, n_columns))
-    rows, answers, candidates = searched.project(joined[:, :-1], np.ascontiguousarray(joined[:, -1]))
+    rows, answers, candidates = searched.project(joined[:, :-1], np.ascontiguousarray(joined[:, -1]), patience)
     # back go the rows, as the one who asked counts them, and the answers
     ends = np.cumsum([len(a) for a in asked.values()])
     replies, low = {}, 0
@@ -351,4 +370,4 @@ def _ask(space, searched, asking, point, rank, radius, columns):
         parts.append(back[r])
         start += len(sends[r])
     table = np.concatenate([np.zeros((0, columns + 1)), *parts])
-    return point[order][table[:, 0].astype(np.int64)], table[:, 1:], candidates
+    return order[table[:, 0].astype(np.int64)], table[:, 1:], candidates

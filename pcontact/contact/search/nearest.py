@@ -25,6 +25,7 @@ from pcontact.contact.search.table import (
     DISTANCE,
     EDGE,
     GAP,
+    GIVEN_UP,
     HELD,
     INTERIOR,
     LOST,
@@ -150,7 +151,7 @@ def _search_points(target, query, criteria, exclusion, projections, work):
             # the partner of the first point is no farther than that; whether it is this one's, too, is to be seen
             radius = min(radius, hint + apart_from(points, q, first) * (1.0 + NEARLY) + 16.0 * rounding)
         point = QueryPoint(q, x, n, rounding, radius)
-        done = False
+        done, winner = False, -1
         for i in range(n_starts):
             key = start_bound(tree, criteria, point, starts[i])
             if key <= radius:
@@ -202,12 +203,16 @@ def _search_points(target, query, criteria, exclusion, projections, work):
                         or _is_passed_by(target, point, solved, slot, n_found, local)
                     ):
                         continue
-                    # one of the others may be held at an edge whose neighbours are not known here: it hides nothing
-                    if target.own[facet] and (winner < 0 or goes_before(row, found[winner])):
-                        winner = slot
+                    if target.own[facet]:
+                        if winner < 0 or goes_before(row, found[winner]):
+                            winner = slot
+                    elif not _asks(row):
+                        # held at an edge whose neighbours are not known here, another one hides nothing
+                        done = True
                 if winner >= 0:
                     write_partner(projections, q, x, found[winner], tree.order[leaves[winner]], target.ids)
                     done = True
+                if done:
                     break
                 n_group = 0
                 continue
@@ -215,6 +220,9 @@ def _search_points(target, query, criteria, exclusion, projections, work):
             if item < n_nodes:
                 n_queue, n_aside = expand(target, criteria, exclusion, point, item, queue, n_queue, n_aside)
             elif item < n_nodes + nf:
+                if projections.candidates[q] >= query.patience:
+                    projections.facet[q] = GIVEN_UP
+                    break
                 row = found[n_found]
                 projections.candidates[q] += 1
                 _solve(target, criteria, point, local, item - n_nodes, row)
@@ -229,13 +237,13 @@ def _search_points(target, query, criteria, exclusion, projections, work):
                 limit = max(limit, nearest * (1.0 + 1e-14) + TIE * found[slot, SIZE] + rounding)
                 group[n_group] = slot
                 n_group += 1
-        if not done and not again and hint < np.inf:
+        if not done and not again and hint < np.inf and projections.facet[q] != GIVEN_UP:
             again = True
             continue
         if again:
             end, again = q + 1, False
         elif q == first and end > q + 1:
-            if done:
+            if winner >= 0:
                 hint = nearest * (1.0 + NEARLY) + NEARLY * found[winner, SIZE] + 16.0 * rounding
             reach = 0.0
             for other in range(q + 1, end):

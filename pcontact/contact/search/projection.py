@@ -50,7 +50,7 @@ class Projections(NamedTuple):
     Attributes
     ----------
     facet : (np,) int64
-        Position of the facet in the arrays searched, -1 if the point has no partner.
+        Position of the facet in the arrays searched, -1 if the point has no partner, `GIVEN_UP` where nobody knows.
     xi : (np, d-1) float64
         Reference coordinates on the facet.
     y : (np, d) float64
@@ -197,7 +197,7 @@ def _search(target, query, criteria, exclusion):
         cones = no_cones(d) if target.cones is None or criteria.rays else target.cones
         own = np.require(own, np.bool_, ["C", "W"])
         facets = target._replace(x=x, kinds=simple, ids=ids, own=own, cones=cones)
-        search_all(facets, QueryPoints(points, normals, radii), criteria, exclusion, projections)
+        search_all(facets, QueryPoints(points, normals, radii, int(query.patience)), criteria, exclusion, projections)
     return projections
 
 

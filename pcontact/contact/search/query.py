@@ -25,9 +25,10 @@ class TargetFacets(NamedTuple):
     ids : (nf,) int64
         Global facet numbers.
     own : (nf,) bool or None
-        Facets that may be partners; None: all. The others take part in the decisions about edges and corners but hide
-        nothing behind them; a rank that is also given the neighbours of its facets (those that share a node) decides
-        as if it had them all, and `projection.better` of all ranks is then exactly the search in the whole surface.
+        Facets that may be partners; None: all. The others take part in the decisions about edges and corners, and hide
+        what is behind them where a point projects inside of them: they are its partners for those who own them. A rank
+        that is also given the neighbours of its facets (those that share a node) decides as if it had them all, and
+        `projection.better` of all ranks is then exactly the search in the whole surface.
     cones : pcontact.contact.search.cones.Cones or None
         Of these facets and these places: facets that can hold no partner are left out early, and partners stay the
         same.
@@ -50,11 +51,14 @@ class QueryPoints(NamedTuple):
         Points [length] and outward normals of the source; a point without a (finite) normal has no partner.
     radius : (np,) float64 or float
         Largest distance of a partner [length], in penetration too.
+    patience : int
+        So many facets are tried for a point before it is given up.
     """
 
     x: np.ndarray
     normal: np.ndarray
     radius: np.ndarray | float
+    patience: int = np.iinfo(np.int64).max
 
 
 class Criteria(NamedTuple):

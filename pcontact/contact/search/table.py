@@ -15,6 +15,8 @@ EVEN = 1e-14  # of the distance and a tenth of it of the facet size: by how much
 AT_CORNER = 1e-13  # reference coordinates that are those of a corner
 # how a projection is held: inside by how far it hangs over the border, below 1; at an edge, at a corner
 EDGE, CORNER = 1.0, 2.0
+# in the place of the facet of a point that has none because the search was not patient enough
+GIVEN_UP = -2
 # columns of the table of solved facets: distance, gap, reference coordinates, y - x (3), target normal (3),
 # contact normal (3), interior (0 or 1), angle at y, facet size, rounding length, whether it is no partner (0 or 1),
 # how it is held, whether the point is on it or on a neighbour (0 or 1)

@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
-from pcontact.contact.search.exchange import find_partners
+from pcontact.contact.search.exchange import PATIENCE, find_partners
 from pcontact.contact.search.query import QueryPoints
 from pcontact.contact.surface.sides import target_surface
+from pcontact.mesh import distribute
+from pcontact.runtime import profile
 from pcontact.runtime.petsc import MPI
 from tests.support.small import DIMENSION, SELF, bend, block_file, make_space
 
@@ -43,3 +45,25 @@ def test_partners_do_not_depend_on_the_ranks(shared_tmp, cell):
     assert 0.2 * POINTS < paired.sum() < 0.9 * POINTS
     np.testing.assert_array_equal(several[:, 1], alone[:, 1])
     np.testing.assert_allclose(several[paired, 2:], alone[paired, 2:], rtol=0.0, atol=1e-12)
+
+
+@pytest.mark.parallel
+def test_partners_do_not_depend_on_the_partition(shared_tmp, monkeypatch):
+    """Cells dealt out at random: the same partners, and no rank tries all facets for want of the partner."""
+    path = shared_tmp / "b.msh"
+    if WORLD.rank == 0:
+        block_file(path, "tetrahedron", 12)
+    WORLD.Barrier()
+    random = np.random.default_rng(2)
+    x = np.column_stack([random.uniform(0.1, 0.9, (POINTS, 2)), random.uniform(0.9, 1.3, POINTS)])
+    normals = np.tile([0.0, 0.0, -1.0], (POINTS, 1))
+    alone = partners(SELF, path, x, normals)
+    monkeypatch.setattr(distribute, "partition", lambda exchanger, piece, *_: piece.ids * 40503 % 65536 % WORLD.size)
+    with profile.recording(profile.Profile()) as recorded:
+        several = partners(WORLD, path, x, normals)
+    assert np.all(alone[:, 1] >= 0)
+    np.testing.assert_array_equal(several[:, 1], alone[:, 1])
+    np.testing.assert_allclose(several[:, 2:], alone[:, 2:], rtol=0.0, atol=1e-12)
+    counts = recorded.counts[profile.OTHER]
+    asked, tried = (WORLD.allreduce(counts[name]) for name in ("asked", "candidates"))
+    assert tried <= PATIENCE * asked
