@@ -243,6 +243,9 @@ class Options:
         list of str
         """
         names = [name.lstrip("-") for name in self._db.getAll()]
+        for name in COMMAND_LINE:
+            # whoever asks for it takes it from the list of -options_left
+            self._db.hasName(name)
         return [name for name in names if name not in ours and not option_used(name)]
 
 

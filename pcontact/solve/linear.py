@@ -146,6 +146,8 @@ def warn_of_krylov(symmetric, krylov):
         )  # fmt: skip
 
 
+# options with which PETSc takes differences of the residual, also off the supports
+DIFFERENCES = ("snes_fd_color", "snes_fd", "snes_test_jacobian", "snes_mf", "snes_mf_operator")
 # what multigrid is told where the operator is beside its matrix: the finest level multiplies by it
 BY_OPERATOR = {"pc_use_amat": True}
 
@@ -174,7 +176,8 @@ def choose_operator(matrix, options, symmetric, direct, around):
     InputError
     """
     pc = options.get("pc_type")
-    kind = options.get("mat_type", matrix.default if pc == "gamg" and not direct else "aij")
+    beside = pc == "gamg" and not direct and not any(options.given(name) for name in DIFFERENCES)
+    kind = options.get("mat_type", matrix.default if beside else "aij")
     allowed = [name for name in known_types(PETSc.Mat, (*AIJ, *BESIDE)) if symmetric or name != "sbaij"]
     if kind not in allowed:
         more = "" if symmetric else "; sbaij where tangents are symmetric"

@@ -21,6 +21,7 @@ from pcontact.solve.diagnosis import diagnose
 from pcontact.solve.globalisation import Globalisation
 from pcontact.solve.linear import (
     BY_OPERATOR,
+    DIFFERENCES,
     Reuse,
     check_tolerances,
     choose_operator,
@@ -34,6 +35,9 @@ from pcontact.solve.preconditioners.contact import MULTIGRID, contact_preconditi
 from pcontact.solve.preconditioners.deflation import Deflation, deflation
 from pcontact.solve.preconditioners.direct import PIVOTS, DirectFallback, factors
 from pcontact.solve.result import NewtonResult, combined
+
+# what PETSc keeps with a matrix for differences on its pattern
+COLOURING = "SNESMatFDColoring"
 
 
 def _hear(ksp, iteration, norm):
@@ -122,6 +126,9 @@ class Newton:
         self._predicting, self._search = False, None
         # where the load step has begun, and whether the matrix holds a tangent of the last one
         self._start, self._linearised, self.norms, self.lasting = None, False, [], False
+        self._differs = any(options.given(name) for name in DIFFERENCES)
+        # of the last tangent, where differences of the residual are taken
+        self._diagonal = None
 
     def _take_options(self):
         """Set up SNES as the options say. *Collective.*"""
@@ -153,9 +160,15 @@ class Newton:
         with self._timed():
             predicts_alone = self._predicting and self.problem.goes_on
             if not (predicts_alone or self._globalisation.recall(x, f)):
-                self.problem.residual(x, f)
+                self._evaluate(x, f)
             if self._predicting:
                 self._predict(x, f, predicts_alone)
+
+    def _evaluate(self, x, f):
+        if self._diagonal is None:
+            self.problem.residual(x, f)
+        else:
+            self.problem.extended(x, f, self._diagonal)
 
     def _predict(self, x, f, alone):
         """Put the prediction of a load step in the place of its residual ``f`` at ``x``, unless it asks for nothing: it
@@ -182,6 +195,10 @@ class Newton:
             changes = self.problem.pattern_changes
             self.problem.tangent(x, self._globalisation.rules, self._predicting)
             self._predicting, self._linearised = False, True
+            if self._diagonal is not None:
+                self._diagonal = self.problem.matrix.matrix.getDiagonal()
+                # products by differences begin at x
+                matrix.assemble()
             if self.problem.pattern_changes != changes:
                 forget_pattern(snes.getKSP())
                 if self._filter is not None:
@@ -231,6 +248,11 @@ class Newton:
             self._renew_preconditioner()
             if self._reuse is not None:
                 self._reuse.forget()
+        if self._differs:
+            # the pattern, too, is that of the load step, and PETSc keeps what it has found of another one
+            self.problem.tangent(u)
+            self._diagonal = self.problem.matrix.matrix.getDiagonal()
+            self._operators[1].compose(COLOURING, None)
         free_garbage(self.problem.space.comm)
         before, self._search, self.norms, self._linearised = u.copy(), follow, [], False
         self._start = before
@@ -312,7 +334,8 @@ class Newton:
         begins. *Collective.*
         """
         start, before = clock.perf_counter(), self._called_back
-        self._predicting = beginning and self.problem.predicts and "prediction" not in self._without
+        predicts = "prediction" not in self._without and not self._differs
+        self._predicting = beginning and self.problem.predicts and predicts
         self._globalisation.begin(beginning)
         self._converges.begin(near)
         if beginning and self._balance is not None:

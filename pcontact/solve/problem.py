@@ -304,6 +304,17 @@ class Problem:
         """Residual vector: zero at prescribed components. *Collective.*"""
         self.as_residual(self.unbalanced(u, rules), f)
 
+    def extended(self, u, f, diagonal):
+        """Residual vector at any ``u``, also off the supports: there it is the diagonal of the matrix, a vector, times the
+        distance from what is prescribed, and all others do not hear of it. Its derivative is the matrix. *Collective.*
+        """
+        away, on = u.copy(), u.copy()
+        self.enter(on, self.time)
+        self.residual(on, f)
+        away.axpy(-1.0, on)
+        away.pointwiseMult(away, diagonal)
+        f.axpy(1.0, away)
+
     def as_residual(self, out, f):
         """Forces (n_owned, d), overwritten, as a residual vector: zero at prescribed components and at those that
         follow, whose forces go to the others. *Collective.*"""

@@ -56,6 +56,25 @@ def test_krylov(blocks, krylov):
     assert any("-ksp_type cg is for symmetric tangents" in line for line in lines) == (krylov == "cg")
 
 
+@parallel
+@pytest.mark.parametrize("option", ["snes_fd_color", "snes_fd", "snes_mf_operator"])
+def test_differences_of_the_residual(blocks, option):
+    """In the place of the tangent, or of its products, they lead to the same solution."""
+    reference, _ = solved(pressed(blocks))
+    found, _ = solved(pressed(blocks, **{option: True}))
+    assert WORLD.allreduce(float(np.abs(found - reference).max(initial=0.0)), op=MPI.MAX) < 1e-9
+
+
+@parallel
+def test_jacobian(blocks, capfd):
+    """The tangent is the derivative of the residual, at prescribed components, too, once the surfaces are closed."""
+    solved(pressed(blocks, snes_test_jacobian=True))
+    lines = [line for line in capfd.readouterr().out.splitlines() if "||J||_F =" in line]
+    found = [float(line.split("=")[1].split(",")[0]) for line in lines]
+    # at the first iterate the blocks touch: half of the differences are those of open points
+    assert WORLD.rank > 0 or (len(found) == 2 and found[1] < 1e-8 < found[0])
+
+
 def said(text):
     """What a run says of options in a text, before its first load step."""
     with own_options():
@@ -86,3 +105,12 @@ def test_they_are_named_once(tmp_path):
     assert done.returncode == 0, done.stderr
     lines = [line for line in (done.stdout + done.stderr).splitlines() if "snes_rtoll" in line]
     assert len(lines) == 1 and "the nearest is -snes_rtol" in lines[0]
+
+
+def test_options_left(tmp_path):
+    """PETSc lists what nobody asked for, and neither the program's own words nor its defaults."""
+    words = ("run", "SCENE", "-o", "out", "-pc_type", "lu", "-pc_fieldsplit_type", "schur", "-options_left")
+    done = execute(tmp_path / "case", lay_out(tmp_path / "case", Case([], words=words)))
+    assert done.returncode == 0, done.stderr
+    lines = [line for line in (done.stdout + done.stderr).splitlines() if line.startswith("Option left")]
+    assert len(lines) == 1 and "pc_fieldsplit_type" in lines[0]
