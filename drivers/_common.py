@@ -253,7 +253,7 @@ def markdown(header: Sequence[str], rows: Sequence[Sequence[object]]) -> list[st
     return lines + ["| " + " | ".join(_cell(value) for value in row) + " |" for row in rows]
 
 
-def _plain(value):
+def plain(value):
     """Numpy's scalars and arrays, and paths, for JSON."""
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
@@ -263,7 +263,7 @@ def _plain(value):
 def write_json(path: str | Path, data: object) -> None:
     """Write data (numpy allowed) as JSON on rank 0; what is not a number becomes null."""
     if MPI.COMM_WORLD.rank == 0:
-        clean = json.loads(json.dumps(data, default=_plain), parse_constant=lambda _: None)
+        clean = json.loads(json.dumps(data, default=plain), parse_constant=lambda _: None)
         Path(path).write_text(json.dumps(clean, indent=1) + "\n")
 
 
@@ -324,6 +324,7 @@ __all__ = [
     "observed_rates",
     "parse",
     "picture",
+    "plain",
     "print_table",
     "running",
     "write_json",

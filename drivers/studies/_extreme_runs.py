@@ -17,10 +17,10 @@ from pathlib import Path
 import numpy as np
 
 from drivers._common import make_directory, running
+from drivers.studies._harness import Counts
 from pcontact.io.vtu import read_vtu
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.log import LOGGER
-from pcontact.runtime.observer import Observer
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
 
@@ -55,20 +55,6 @@ class Cell:
     def name(self):
         """Family, setting and variant in a line."""
         return f"{self.family}, {self.setting}, {self.variant}"
-
-
-class _Steps(Observer):
-    """Observer: records and iterations of all load steps, cut ones too."""
-
-    def __init__(self):
-        self.records, self.newton, self.krylov, self.cuts = [], 0, 0, 0
-
-    def step(self, step, u, record):
-        self.records.append(record)
-        self.newton, self.krylov = self.newton + step.newton, self.krylov + step.krylov
-
-    def cut(self, target, result):
-        self.newton, self.krylov, self.cuts = self.newton + result.newton, self.krylov + result.krylov, self.cuts + 1
 
 
 class _Warnings(logging.Handler):
@@ -145,7 +131,7 @@ def run_cell(cell, folder, limit=LIMIT):
     dict
         A row of the table, the same on every rank.
     """
-    comm, steps = MPI.COMM_WORLD, _Steps()
+    comm, steps = MPI.COMM_WORLD, Counts()
     on_root(comm, shutil.rmtree, folder, True)
     make_directory(folder)
     start, errors, refusal, converged = time.process_time(), {}, "", False

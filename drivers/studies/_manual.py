@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from drivers._common import contact_points, running
-from pcontact.runtime.observer import Observer
+from drivers.studies._harness import Counts
 from pcontact.scene.model import Output
 
 JOHNSON = "K. L. Johnson, *Contact Mechanics*, Cambridge University Press 1985"
@@ -56,16 +56,6 @@ class Case(NamedTuple):
     look: dict = {}  # noqa: RUF012
 
 
-class Last(Observer):
-    """Keeps the record of the last load step."""
-
-    def __init__(self):
-        self.record = None
-
-    def step(self, step, u, record):
-        self.record = record
-
-
 @contextmanager
 def solved(scene, folder, observers=()):
     """Run a scene, whose fields go to a folder beside its mesh. *Collective.*
@@ -75,10 +65,10 @@ def solved(scene, folder, observers=()):
     Simulation, dict or None
         The record of the last load step; None where one did not converge.
     """
-    last = Last()
+    counts = Counts()
     scene = replace(scene, output=replace(scene.output or Output(), fields=True))
-    with running(scene, Path(folder) / RUN, [*observers, last]) as (simulation, converged):
-        yield simulation, last.record if converged else None
+    with running(scene, Path(folder) / RUN, [*observers, counts]) as (simulation, converged):
+        yield simulation, counts.record if converged else None
 
 
 def points_everywhere(simulation, number=0):

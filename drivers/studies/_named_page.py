@@ -1,16 +1,15 @@
 """The table and the picture of `named_error.py`, from the rows of one or several runs."""
 
-import json
-
 import numpy as np
 
 from drivers._common import draw, log, markdown, print_table
+from drivers.studies import _harness as harness
 from drivers.studies._named_scenes import HELD_BACK, LATE, SCENES
-from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
 
 FILE = "named_error.json"
+KEYS = ("scene", "of", "target")
 HEAD = ("scene", "of", "target", "reached", "named", "found", "reference", "true", "true/named", "estimate/true",
         "unknowns", "passes", "seconds")  # fmt: skip
 # [-] Relative errors below count as those of rounding: neither the reference nor the solver knows more of them.
@@ -59,16 +58,10 @@ def joined(places):
     places : list of pathlib.Path
         Directories of runs.
     """
-    known = {}
-    for place in places:
-        try:
-            rows = json.loads((place / FILE).read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
-            raise InputError(f"command line: --join {place}: found {error}; allowed: results of this driver") from None
-        known |= {(row["scene"], row["of"], row["target"]): row for row in rows}
+    rows = harness.joined(places, FILE, KEYS)
     order = [*SCENES, *HELD_BACK]
     quantities = {name: one.quantities for name, one in (SCENES | HELD_BACK).items()}
-    return sorted(known.values(), key=lambda row: (order.index(row["scene"]),
+    return sorted(rows, key=lambda row: (order.index(row["scene"]),
                   quantities[row["scene"]].index(row["of"]), -row["target"]))  # fmt: skip
 
 

@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from drivers._common import log
+from drivers.studies._harness import solved as ran
 from pcontact.adapt.loop import Loop
 from pcontact.adapt.secondary import solved
 from pcontact.adapt.seen import State, left_after
@@ -33,7 +34,6 @@ from pcontact.runtime.errors import StepFailure
 from pcontact.runtime.observer import Observer
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.target import Budget, Target
-from pcontact.simulation import Simulation
 
 # [-] Tolerance of Newton's method. From: it is the smallest that the loop takes.
 RTOL = 1e-9
@@ -244,14 +244,14 @@ def _again(loop, steps, watch, take):
     the estimate of the mesh is then. *Collective.*"""
     scene, best = loop.best_scene(), loop.passes[loop.best - 1]
     scene.steps.count = steps
-    simulation = Simulation(scene, mesh=loop.mesh)
-    seen = Watch(simulation)
-    try:
-        if not simulation.run(None, [seen, *watch(simulation)]):
-            raise StepFailure(str(simulation.failure))
-        return take(simulation, True), seen.absolute / seen.norm / (best.estimate * best.part)
-    finally:
-        simulation.free()
+    seen = []
+
+    def observers(simulation):
+        seen.append(Watch(simulation))
+        return [*seen, *watch(simulation)]
+
+    with ran(scene, loop.mesh, observers=observers) as (simulation, _):
+        return take(simulation, True), seen[0].absolute / seen[0].norm / (best.estimate * best.part)
 
 
 def _halved(loop, u, quantities, steps):

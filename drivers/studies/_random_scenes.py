@@ -23,7 +23,7 @@ CELLS = ("triangles", "triangles", "triangles", "quadrilaterals", "mixed", "grid
 ALONG, FAR = 0.25, 0.6
 # [-] Cells at vertices and at edges of contact areas, over those on contact surfaces, as powers of the growth. From:
 # cells have errors of the growth squared, and singularities there powers of 0.3 or more, and of 1.5, of the distance.
-AT_VERTICES, AT_EDGES = 6.0, 3.0
+AT_VERTICES, AT_EDGES = 10.0, 3.0
 
 
 # [rad] Facets of arcs, by the degree of the mesh, at most, where the program is not given the geometry: larger ones are
@@ -250,7 +250,7 @@ class _Draw:
 
     def contact(self, source, target, *kinds):
         """A contact of one of some kinds."""
-        kind = self.one(*kinds or ("frictionless", "friction", "friction", "tied"))
+        kind = self.one(*kinds or ("frictionless", "frictionless", "friction", "tied"))
         one = Contact(source, target, name=source.partition("_")[0], tied=kind == "tied")
         if kind == "friction":
             one.friction = self.between(0.1, 0.6)
@@ -284,7 +284,7 @@ def _beam(draw):
     if closes:
         shapes.append(draw.shape("stop", [(a, b) for b in (-gap - 0.2, -gap) for a in ((0.6, 1.2) if b < -gap else
                                  (1.2, 0.6))], ["bottom", "right", "top", "left"]))  # fmt: skip
-        contacts = [draw.contact("beam_bottom", "stop_top", "frictionless", "friction")]
+        contacts = [draw.contact("beam_bottom", "stop_top", "frictionless", "frictionless", "friction")]
         displacements.append(Displacement("stop_bottom", [0.0, 0.0]))
         of += ["force:beam", "force:beam.y"]
     return shapes, [material, draw.material(0.03)][: len(shapes)], contacts, displacements, loads, of
@@ -329,9 +329,10 @@ def _roller(draw):
     push = 0.0 if draw.half else draw.one(0.0, 0.1, 0.3) * press
     displacements = [Displacement("block_bottom", [0.0, 0.0]), Displacement("roller_top", [push, -press])]
     of = ["force:roller", "force:roller.y", "support:block_bottom", "displacement:block_right", "stress:roller_top"]
-    return [roller, draw.box("block", -wide, wide, -draw.between(0.8, 1.5), 0.0)], \
-        [draw.material(3.0 * press, draw.one(1.0, 10.0)), draw.material(3.0 * press)], \
-        [draw.contact("roller_skin", "block_top", "frictionless", "friction")], displacements, [], of  # fmt: skip
+    shapes = [roller, draw.box("block", -wide, wide, -draw.between(0.8, 1.5), 0.0)]
+    materials = [draw.material(3.0 * press, draw.one(1.0, 10.0)), draw.material(3.0 * press)]
+    contact = draw.contact("roller_skin", "block_top", "frictionless", "frictionless", "friction")
+    return shapes, materials, [contact], displacements, [], of
 
 
 def _rings(draw):
@@ -370,7 +371,7 @@ def _stack(draw):
         shapes.append(draw.box(name, -wide, wide, round(bottom, 4), round(bottom + high, 4)))
         bottom += high
     # without its mirror image what is in the middle is held by contact alone
-    kinds = () if draw.half else ("friction", "tied")
+    kinds = () if draw.half else ("friction", "tied", "tied")
     contacts = [draw.contact("mid_bottom", "low_top", *kinds), draw.contact("top_bottom", "mid_top", *kinds)]
     push = 0.0 if draw.half else draw.one(0.1, 0.3) * press
     displacements = [Displacement("low_bottom", [0.0, 0.0]), Displacement("top_top", [push, -press])]

@@ -7,9 +7,9 @@ import time as clock
 from contextlib import contextmanager
 from pathlib import Path
 
+from drivers.studies._harness import Counts
 from drivers.studies._overkill import Overkill
 from drivers.studies._trade_cases import Case, linear
-from drivers.studies.scaling import Counts
 from pcontact.runtime.log import LOGGER
 from pcontact.runtime.petsc import MPI
 from pcontact.runtime.presets import PRESETS as CHOICES

@@ -26,6 +26,7 @@ from pathlib import Path
 import numpy as np
 
 from drivers._common import draw, log, main, make_mesh, make_parser, print_table, running, write_json
+from drivers.studies._harness import solved
 from drivers.studies._named_pressure import Pressure
 from drivers.studies._named_pressure import made as made_pressure
 from meshes.punch import punch
@@ -40,7 +41,6 @@ from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Output, Scene
 from pcontact.scene.target import Target
-from pcontact.simulation import Simulation
 from pcontact.view.show import show
 
 FREE = "free"
@@ -160,13 +160,9 @@ def pressures_of_halved(scene, most):
     """Unknowns and pressures of runs on halved meshes, which name no error."""
     found, mesh = [], None
     while True:
-        simulation = Simulation(scene.copy(), mesh=mesh)
-        try:
-            simulation.run(None)
+        with solved(scene.copy(), mesh) as (simulation, _):
             mesh, unknowns = simulation.mesh, simulation.problem.space.n_dofs
             found.append((unknowns, Pressure.of(simulation, "face"), float("nan")))
-        finally:
-            simulation.free()
         if 4 * unknowns > most:
             return found
         mesh = refine(mesh, np.full(sum(len(block.nodes) for block in mesh.blocks), mesh.dim)).mesh

@@ -14,10 +14,10 @@ import numpy as np
 
 from drivers._common import contact_points, main, make_mesh, make_parser, print_table, running, write_json
 from drivers.cases import hertz, rings
+from drivers.studies._harness import Counts
 from meshes.rings import rings as ring_mesh
 from meshes.shells import shells
 from pcontact.material.elastic import lame
-from pcontact.runtime.observer import Observer
 from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Output, Scene
 
 RADII = (1.0, 0.6, 0.3)
@@ -98,24 +98,6 @@ CASES = {
 }
 
 
-class Iterations(Observer):
-    """Observer: iterations of the run.
-
-    Attributes
-    ----------
-    totals : dict
-        newton, krylov.
-    """
-
-    def __init__(self):
-        self.totals = {"newton": 0, "krylov": 0}
-
-    def step(self, step, u, record):
-        """Add a step."""
-        for key in self.totals:
-            self.totals[key] += record[key]
-
-
 def solve(scene, exact) -> dict:
     """Run a scene. *Collective.*
 
@@ -131,7 +113,7 @@ def solve(scene, exact) -> dict:
         ``error`` of the pressure, ``estimate`` of what straight facets add to it (None where they are not asked),
         ``newton`` and ``krylov`` iterations of the run, ``converged``.
     """
-    counts = Iterations()
+    counts = Counts()
     with running(scene, None, [counts]) as (simulation, converged):
         points, error = contact_points(simulation), None
         if points is not None:
@@ -139,7 +121,8 @@ def solve(scene, exact) -> dict:
             error = float(np.sqrt(weight @ (points["pressure"] - p) ** 2 / (weight @ p**2)))
         error = simulation.comm.bcast(error, root=0)
         estimate = simulation.problem.contacts[0].summary(simulation.stepper.u).get("facet_error")
-    return {"error": error, "estimate": estimate, "converged": converged, **counts.totals}
+    return {"error": error, "estimate": estimate, "converged": converged, "newton": counts.newton,
+            "krylov": counts.krylov}  # fmt: skip
 
 
 def run(args) -> int:

@@ -6,12 +6,14 @@ everything else is WRONG, a wrong answer with a warning, too. A number that is n
 cell that takes too long ends the run as HANG.
 """
 
+from functools import partial
 from itertools import islice
 from pathlib import Path
 
-from drivers._common import log, main, make_parser, print_table, write_json
+from drivers._common import log, main, markdown, print_table, write_json
 from drivers.studies._extreme_cells import FAMILIES, REASONS
 from drivers.studies._extreme_runs import HANG, WRONG, run_cell
+from drivers.studies._harness import Rows, study_parser
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import MPI
 
@@ -42,12 +44,10 @@ def _row(row):
     return [row["family"], row["setting"], row["variant"], *numbers, row["verdict"], row["text"]]
 
 
-def markdown(rows):
+def page(rows):
     """The table in Markdown."""
-    lines = ["| " + " | ".join(COLUMNS) + " |", "|" + "---|" * len(COLUMNS)]
-    for row in rows:
-        lines.append("| " + " | ".join(str(word).replace("|", "\\|").replace("\n", " ") for word in _row(row)) + " |")
-    return "\n".join(lines) + "\n"
+    clean = [[str(word).replace("|", "\\|").replace("\n", " ") for word in _row(row)] for row in rows]
+    return "\n".join(markdown(COLUMNS, clean)) + "\n"
 
 
 def counts(rows):
@@ -62,10 +62,12 @@ def run(args):
     """All cells, one after the other; 1 when one is neither right nor refused."""
     every = args.every or (23 if args.tiny else 1)
     cells, rows = list(cells_of(args.family or list(FAMILIES), every)), []
+    kept = Rows(args.o / "rows.jsonl", ("family", "setting", "variant"), args.go_on)
     for number, cell in enumerate(cells):
         # a run that hangs leaves this behind
         write_json(args.o / "extremes.json", {"verdict": HANG, "cell": cell.name, "rows": rows})
-        rows.append(run_cell(cell, args.o / "cell"))
+        key = {"family": cell.family, "setting": cell.setting, "variant": cell.variant}
+        rows.append(kept.get(key, partial(run_cell, cell, args.o / "cell")))
         row = rows[-1]
         line = _row(row)
         log.info("%d/%d %s: %s", number + 1, len(cells), cell.name, " ".join(str(line[k]) for k in (8, 3, 9)))
@@ -77,12 +79,12 @@ def run(args):
     if MPI.COMM_WORLD.rank == 0:
         ranks = f" -n {MPI.COMM_WORLD.size}" if MPI.COMM_WORLD.size > 1 else ""
         why = "".join(f"* {key}: {text}\n" for key, text in REASONS.items())
-        Path(args.o / "extremes.md").write_text(HEAD.format(ranks=ranks, summary=summary, why=why) + markdown(rows))
+        Path(args.o / "extremes.md").write_text(HEAD.format(ranks=ranks, summary=summary, why=why) + page(rows))
     return 1 if {WRONG, HANG} & found.keys() else 0
 
 
 if __name__ == "__main__":
-    parser = make_parser(__doc__, "extremes_results")
+    parser = study_parser(__doc__, "extremes_results")
     parser.add_argument("--family", nargs="+", metavar="NAME", help=f"only these of {', '.join(FAMILIES)}")
     parser.add_argument("--every", type=int, metavar="N", help="every N-th cell of each family only")
     main(run, parser)

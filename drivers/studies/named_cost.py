@@ -12,25 +12,25 @@ loop, are extrapolated with the rates of the two finest meshes. All errors are d
     python drivers/studies/named_cost.py --scene --by-hand --against ball/reference_hertz3d.npz -o errors
 """
 
-import json
 import time as clock
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from drivers._common import log, main, make_parser, markdown, print_table, write_json
+from drivers._common import log, main, markdown, print_table, write_json
+from drivers.studies import _harness as harness
+from drivers.studies._harness import Rows, solved, study_parser
 from drivers.studies._named_reference import BUDGET, Reference
 from drivers.studies._named_scenes import HELD_BACK, SCENES
 from drivers.studies._trade_cases import CASES
 from drivers.studies._trade_runs import changed
 from drivers.studies.named_error import Answer
 from pcontact.adapt.loop import Loop
-from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.target import LARGEST, Target
-from pcontact.simulation import Simulation
 
 FILE = "named_cost.json"
 HEAD = ("scene", "of", "target", "named", "unknowns", "passes", "loop, s", "last pass, s", "trials, s", "one run, s",
@@ -83,13 +83,8 @@ def seconds_of(scene, mesh=None, take=lambda _: None):
     if mesh is not None:
         mesh.pieces.clear()
     begun = clock.perf_counter()
-    simulation = Simulation(scene, mesh=mesh)
-    try:
-        if not simulation.run(None):
-            raise InputError("a load step did not converge; allowed: another scene")
+    with solved(scene, mesh) as (simulation, _):
         return clock.perf_counter() - begun, simulation.problem.space.n_dofs, take(simulation)
-    finally:
-        simulation.free()
 
 
 def loop_of(scene, target):
@@ -120,6 +115,11 @@ def measured(name, of, error, folder):
     trials = sum(one.trials for one in loop.passes)
     return [name, of, error, last.error, last.unknowns, len(loop.passes), seconds, last.seconds, trials, single,
             seconds / single, default, seconds / default], loop  # fmt: skip
+
+
+def told(*args):
+    """The row alone, as a dict. *Collective.*"""
+    return dict(zip(HEAD, measured(*args)[0], strict=True))
 
 
 def at_error(rows, error):
@@ -158,15 +158,9 @@ def by_hand(args):
 
 def joined(places):
     """Rows of earlier runs, those of the same scene, quantity and target once: the later one."""
-    known = {}
-    for place in places:
-        try:
-            rows = json.loads((place / FILE).read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
-            raise InputError(f"command line: --join {place}: found {error}; allowed: results of this driver") from None
-        known |= {(row["scene"], row["of"], row["target"]): [row[key] for key in HEAD] for row in rows}
+    rows = [[row[key] for key in HEAD] for row in harness.joined(places, FILE, HEAD[:3])]
     order = list(TARGETS)
-    return sorted(known.values(), key=lambda row: (order.index(row[0]), row[1] != "energy", row[1]))
+    return sorted(rows, key=lambda row: (order.index(row[0]), row[1] != "energy", row[1]))
 
 
 def page(rows):
@@ -177,10 +171,12 @@ def page(rows):
 
 def run(args):
     """All rows; exit status."""
-    rows = joined(args.join) if args.join else []
+    rows, kept = joined(args.join) if args.join else [], Rows(args.o / "rows.jsonl", HEAD[:3], args.go_on)
     for name in [] if args.join else ["punch"] if args.tiny else args.scene:
         for of, error in [("energy", 0.1)] if args.tiny else TARGETS[name]:
-            rows.append(measured(name, of, error, args.o)[0])
+            key = {"scene": name, "of": of, "target": error}
+            row = kept.get(key, partial(told, name, of, error, args.o))
+            rows.append([row[key] for key in HEAD])
             write_json(args.o / FILE, [dict(zip(HEAD, row, strict=True)) for row in rows])
     print_table("cost of named errors", HEAD, rows)
     if args.by_hand:
@@ -194,7 +190,7 @@ def run(args):
 
 def parser():
     """The driver's options."""
-    p = make_parser(__doc__, "named_cost_results")
+    p = study_parser(__doc__, "named_cost_results")
     add = p.add_argument
     add("--scene", nargs="*", default=list(TARGETS), choices=list(TARGETS), help="all, if nothing is said")
     add("--by-hand", action="store_true", help="Hertz's ball beside meshes made by hand")

@@ -21,39 +21,25 @@ reference that is several times longer.
 """
 
 import time as clock
-from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from drivers._common import log, main, make_parser, print_table, write_json
+from drivers._common import log, main, print_table, write_json
 from drivers.studies import _named_page as page
+from drivers.studies._harness import Rows, solved, study_parser
 from drivers.studies._named_pressure import Pressure
 from drivers.studies._named_pressure import made as made_pressure
 from drivers.studies._named_reference import BUDGET, Reference, made
 from drivers.studies._named_scenes import HELD_BACK, SCENES
 from drivers.studies._overkill import Overkill
 from pcontact.adapt.loop import REACHED, Loop
-from pcontact.adapt.secondary import Last
 from pcontact.assembly.error_norms import bulk_error
-from pcontact.runtime.errors import InputError, StepFailure
+from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.target import Target
-from pcontact.simulation import Simulation
 
 TARGETS = (0.1, 0.05, 0.02, 0.01)
-
-
-@contextmanager
-def ran(scene, mesh=None):
-    """A run in memory, and the record of its last load step. *Collective.*"""
-    simulation, last = Simulation(scene, mesh=mesh), Last()
-    try:
-        if not simulation.run(None, [last]):
-            raise StepFailure(str(simulation.failure))
-        yield simulation, last.record
-    finally:
-        simulation.free()
 
 
 class Answer:
@@ -100,7 +86,7 @@ class Answer:
 def cost_of(loop, scene, seconds):
     """Seconds over those of a run on the last mesh alone. *Collective.*"""
     start = clock.perf_counter()
-    with ran(scene, loop.mesh):
+    with solved(scene, loop.mesh):
         return seconds / (clock.perf_counter() - start)
 
 
@@ -202,24 +188,26 @@ def run(args):
     names = [name for name in (args.scene or scenes) if name in scenes]
     if len(names) != len(args.scene or names):
         raise InputError(f"command line: --scene: found {args.scene}; allowed: {', '.join(scenes)}")
-    rows = []
+    kept = Rows(args.o / "rows.jsonl", page.KEYS, args.go_on)
     for name in ["rings"] if args.tiny else names:
-        named, own = scenes[name], []
-        for of in args.of or (named.quantities[:1] if args.tiny else named.quantities):
-            for target in [0.1] if args.tiny else args.target:
-                own.append(measure(name, named, of, target, args))
+        named, wanted = scenes[name], [0.1] if args.tiny else args.target
+        quantities = args.of or (named.quantities[:1] if args.tiny else named.quantities)
+        own = [measure(name, named, of, target, args) for of in quantities for target in wanted
+               if {"scene": name, "of": of, "target": target} not in kept]  # fmt: skip
+        if not own:
+            continue
         best, pressure = reference(name, named, args), pressure_reference(name, named, args)
-        for row, kept in own:
-            add_true(row, kept, named, best, pressure)
-            rows.append(row)
+        for row, answer in own:
+            add_true(row, answer, named, best, pressure)
+            kept.add(row)
         print_table("", page.HEAD, [page.line(row) for row, _ in own])
-        write_json(args.o / page.FILE, rows)
-    return page.judged(args, rows)
+        write_json(args.o / page.FILE, list(kept))
+    return page.judged(args, list(kept))
 
 
 def parser():
     """The driver's options."""
-    p = make_parser(__doc__, "named_error_results")
+    p = study_parser(__doc__, "named_error_results")
     add = p.add_argument
     add("--scene", nargs="+", help="all, if nothing is said")
     add("--target", type=float, nargs="+", default=list(TARGETS))

@@ -11,12 +11,13 @@ import re
 import shutil
 import time
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
-from drivers._common import log, main, make_directory, make_parser, print_table, running, write_json
+from drivers._common import log, main, make_directory, markdown, print_table, running, write_json
+from drivers.studies._harness import Counts, Rows, study_parser
 from drivers.studies._robust_scenes import CASES
 from pcontact.runtime.errors import InputError
-from pcontact.runtime.observer import Observer
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
 
@@ -38,27 +39,10 @@ GROWTH = 1.05
 COLUMNS = ("family", "scene", "steps", "newton", "most", "krylov", "cuts", "seconds", "ended")
 
 
-class Counts(Observer):
-    """Iterations of all load steps, failed ones too."""
-
-    def __init__(self):
-        self.newton, self.most, self.krylov, self.cuts, self.steps, self._failed = 0, 0, 0, 0, 0, 0
-
-    def step(self, step, u, record):
-        self.most = max(self.most, step.newton + self._failed)
-        self.newton, self.krylov, self.steps = self.newton + step.newton, self.krylov + step.krylov, self.steps + 1
-        self._failed = 0
-
-    def cut(self, target, result):
-        self.newton, self.krylov = self.newton + result.newton, self.krylov + result.krylov
-        self.cuts += 1
-        self._failed += result.newton
-
-
 def without(name):
     """Options that leave out a heuristic, or several: names joined by +."""
     options = {}
-    for word in name.split("+"):
+    for word in filter(None, name.split("+")):
         for key, value in HEURISTICS[word].items():
             options[key] = f"{options[key]},{value}" if key in options else value
     return options
@@ -121,11 +105,11 @@ def compare(rows, others):
     return faults
 
 
-def markdown(rows, variants):
+def page(rows, variants):
     """The tables: all scenes, and what each heuristic brings."""
     head = "# Robustness: table\n\nWhat `drivers/studies/robustness.py` writes: [robustness.md](../robustness.md).\n"
     columns = [*COLUMNS[:7], "ended"]
-    lines = [head, *_table(columns, [[row[key] for key in columns] for row in rows])]
+    lines = [head, *markdown(columns, [[row[key] for key in columns] for row in rows])]
     total = totals(rows)
     sums = f"All: {total['newton']} Newton, {total['krylov']} Krylov, {total['cuts']} cuts"
     lines += ["", f"{sums}, {total['failed']} not converged; at most {total['most']} Newton in a load step.", ""]
@@ -140,13 +124,8 @@ def markdown(rows, variants):
             better = [row for row, old in zip(others, base, strict=True) if _worse(old, row)]
             numbers = [word for key in ("newton", "krylov", "cuts", "failed") for word in (now[key], then[key])]
             table.append([name, len(others), *numbers, _listed(worse), _listed(better)])
-        lines += [*_table(columns, table), ""]
+        lines += [*markdown(columns, table), ""]
     return "\n".join(lines)
-
-
-def _table(columns, rows):
-    """Lines of a table."""
-    return ["| " + " | ".join(map(str, row)) + " |" for row in (columns, ["---"] * len(columns), *rows)]
 
 
 def _listed(rows):
@@ -175,17 +154,19 @@ def run(args):
         raise InputError(f"command line: --scene: found {args.scene!r}, allowed: a regular expression for some scenes")
     names = list(HEURISTICS) if "all" in args.without else args.without
     rows, variants = [], {name: [] for name in names}
+    kept = Rows(args.o / "rows.jsonl", ("family", "scene", "left out"), args.go_on)
     for number, case in enumerate(cases):
-        rows.append(solve(case, args.o / "run", {}))
+        for name, some in {"": rows, **variants}.items():
+            key = {"family": case.family, "scene": case.name, "left out": name}
+            row = kept.get(key, partial(solve, case, args.o / "run", without(name)))
+            some.append({key: value for key, value in row.items() if key != "left out"})
         log.info("%d/%d %s: %s", number + 1, len(cases), name_of(rows[-1]), rows[-1])
-        for name in names:
-            variants[name].append(solve(case, args.o / "run", without(name)))
         write_json(args.o / "robustness.json", {"rows": rows, "without": variants})
     print_table("robustness", COLUMNS, [[row[key] for key in COLUMNS] for row in rows])
     for name, found in {"all": rows, **variants}.items():
         log.info("%s: %s", name if name == "all" else f"without {name}", totals(found) if found else "")
     if MPI.COMM_WORLD.rank == 0:
-        Path(args.o / "robustness.md").write_text(markdown(rows, variants))
+        Path(args.o / "robustness.md").write_text(page(rows, variants))
     faults = compare(rows, json.loads(args.against.read_text())["rows"]) if args.against else []
     for fault in faults:
         log.error_line(fault)
@@ -193,7 +174,7 @@ def run(args):
 
 
 if __name__ == "__main__":
-    parser = make_parser(__doc__, "robustness_results")
+    parser = study_parser(__doc__, "robustness_results")
     parser.add_argument("--scene", default="", metavar="REGEX", help="only scenes whose family and name match")
     text = "with those of more than ten seconds"
     parser.add_argument("--large", action="store_true", help=text)

@@ -22,42 +22,16 @@ from pathlib import Path
 import numpy as np
 
 from drivers._common import log, main, make_mesh, make_parser, running, write_json
+from drivers.studies._harness import Counts
 from drivers.studies._press import CASES, CELLS, make_scene
 from drivers.studies._scaling import KEY, plot, plot_growth, report, series
 from meshes import ball_on_block, dome_on_block
 from pcontact.runtime.errors import InputError
-from pcontact.runtime.observer import Observer
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
 
 LARGE = 1_500_000  # unknowns from which a mesh of tetrahedra is halved once after meshing
 WARM = 1500  # unknowns of the mesh on which kernels compile (or load) outside the clock
-
-
-class Counts(Observer):
-    """Observer: iterations of all load steps.
-
-    Attributes
-    ----------
-    newton, krylov : int
-    hardest : int
-        Krylov iterations of the linear solve that took most.
-    """
-
-    def __init__(self):
-        self.newton = self.krylov = self.hardest = 0
-
-    def step(self, step, u, record):
-        """Add the step."""
-        self.newton += step.newton
-        self.krylov += step.krylov
-        self.hardest = max(self.hardest, step.hardest)
-
-    def cut(self, target, result):
-        """Add what the attempt took."""
-        self.newton += result.newton
-        self.krylov += result.krylov
-        self.hardest = max(self.hardest, result.hardest)
 
 
 def triad(comm, n: int = 20_000_000) -> float:

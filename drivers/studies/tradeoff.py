@@ -26,6 +26,8 @@ import sys
 from pathlib import Path
 
 from drivers._common import log, main, make_parser, print_table, write_json
+from drivers.studies import _harness as harness
+from drivers.studies._harness import results
 from drivers.studies._trade_cases import CASES, HELD_OUT, SCALARS, Case, tiny
 from drivers.studies._trade_report import (
     ALL,
@@ -41,7 +43,6 @@ from drivers.studies._trade_report import (
     tell,
 )
 from drivers.studies._trade_runs import PRESETS, Runner, sweep
-from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
 
@@ -117,15 +118,7 @@ def load(path: Path) -> dict:
     InputError
     """
 
-    def read():
-        try:
-            data = json.loads(path.read_text())
-            return {key: data[key] for key in ("clock", "ranks", "command", "scenes")}
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            text = f"{path}: found {type(error).__name__}, allowed: the file of an earlier sweep, see -o"
-            raise InputError(text) from None
-
-    return MPI.COMM_WORLD.bcast(on_root(MPI.COMM_WORLD, read))
+    return results(path, "command line: -o", ("clock", "ranks", "command", "scenes"))
 
 
 def keep_promises(args) -> int:
@@ -171,12 +164,6 @@ def publish(args) -> int:
     data = load(args.o / "tradeoff.json")
 
     def write():
-        try:
-            head, mark, _ = args.publish.read_text().partition(MARK)
-        except OSError as error:
-            raise InputError(f"command line: --publish {args.publish}: found {error.strerror}") from None
-        if not mark:
-            raise InputError(f"{args.publish}: found no line {MARK!r}, allowed: a document with one")
         found = args.o / "promise.json"
         if found.exists():
             table = json.loads(found.read_text())["table"]
@@ -186,7 +173,7 @@ def publish(args) -> int:
             ]
         cases = {name: CASES[name] for name in data["scenes"]}
         rows = {name: one["rows"] for name, one in data["scenes"].items()}
-        args.publish.write_text(f"{head}{MARK}\n\n{tables(cases, rows, data, 'accuracy_')}")
+        harness.publish(args.publish, MARK, tables(cases, rows, data, "accuracy_"))
         for name in cases:
             shutil.copy(args.o / f"{name}.png", args.publish.parent / f"accuracy_{name}.png")
 

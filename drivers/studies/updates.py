@@ -18,11 +18,11 @@ from drivers._common import main, make_mesh, make_parser, markdown, print_table,
 from drivers.cases import disk_on_block, patch, rings, stack
 from drivers.cases.hertz import generate
 from drivers.studies import compare
+from drivers.studies._harness import Counts
 from meshes import c_strip, heap, two_blocks
 from meshes import disk_on_block as disk_mesh
 from meshes import rings as ring_mesh
 from pcontact.contact.formulation import augmented
-from pcontact.runtime.observer import Observer
 from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Output, Scene, Steps
 
 AUGMENTED, SETTLED = "augmented_lagrangian", 1e-4
@@ -105,17 +105,6 @@ SCENES = {
 }
 
 
-class Kept(Observer):
-    """Observer: what the load steps took."""
-
-    def __init__(self):
-        self.records = []
-
-    def step(self, step, u, record):
-        """Keep it."""
-        self.records.append(record)
-
-
 def solve(case: Scene, variant: str, friction: float) -> dict | None:
     """One run, None where there is no such variant. *Collective.*"""
     contact = case.contacts[0]
@@ -126,7 +115,7 @@ def solve(case: Scene, variant: str, friction: float) -> dict | None:
         one.formulation, one.friction = AUGMENTED, friction
     contact.unbiased = variant != VARIANTS[0] and not alike
     case.petsc = {**case.petsc, "contact_uzawa_accept": "true"}
-    watch = Kept()
+    watch = Counts()
     with each_alone() if variant == VARIANTS[1] else nullcontext(), running(case, None, [watch]) as (_, converged):
         pass
     if not converged:

@@ -8,11 +8,12 @@ The exit status is 1 where a case misses its bound on its finest mesh; `--tiny` 
 its own, of the cases that take a second.
 """
 
+from functools import partial
 from pathlib import Path
 
 from PIL import Image
 
-from drivers._common import main, make_directory, make_parser, picture, print_table, write_json
+from drivers._common import main, make_directory, picture, print_table, write_json
 from drivers.studies import (
     _manual_friction,
     _manual_half_space,
@@ -24,6 +25,7 @@ from drivers.studies import (
     _manual_published,
     _manual_rings,
 )
+from drivers.studies._harness import Rows, study_parser
 from drivers.studies._manual import RUN
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import on_root
@@ -55,6 +57,10 @@ def verify(name, folder, tiny=False):
             return rows, False
         rows.append((level, value, value / case.reference - 1.0))
     return rows, bool(abs(rows[-1][2]) <= case.bounds[0 if tiny else 1])
+
+
+def _verified(*args):
+    return {"found": verify(*args)}
 
 
 def page(name, rows):
@@ -124,9 +130,9 @@ def run(args):
     for name in args.cases:
         if name not in CASES:
             raise InputError(f"command line: --cases: found {name!r}, allowed: {', '.join(CASES)}")
-    results, good = {}, True
+    results, good, kept = {}, True, Rows(args.o / "rows.jsonl", ("case",), args.go_on)
     for name in args.cases:
-        rows, held = verify(name, args.o, args.tiny)
+        rows, held = kept.get({"case": name}, partial(_verified, name, args.o, args.tiny))["found"]
         results[name], good = rows, good and held
         title = f"{CASES[name].title}: reference {CASES[name].reference:.6g}, {'held' if held else 'MISSED'}"
         print_table(title, ["n", "computed", "error"], rows)
@@ -137,7 +143,7 @@ def run(args):
 
 
 if __name__ == "__main__":
-    parser = make_parser(__doc__, "verification_results")
+    parser = study_parser(__doc__, "verification_results")
     parser.add_argument("--cases", nargs="+", metavar="NAME", help="default: all")
     parser.add_argument("--publish", type=Path, metavar="DIR", help="write the pages there")
     main(run, parser)

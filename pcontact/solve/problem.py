@@ -305,8 +305,8 @@ class Problem:
         self.as_residual(self.unbalanced(u, rules), f)
 
     def extended(self, u, f, diagonal):
-        """Residual vector at any ``u``, also off the supports: there it is the diagonal of the matrix, a vector, times the
-        distance from what is prescribed, and all others do not hear of it. Its derivative is the matrix. *Collective.*
+        """Residual vector at any ``u``, also off the supports: there it is the diagonal of the matrix, a vector, times
+        the distance from what is prescribed, and all others do not hear of it. Its derivative is the matrix. *Collective.*
         """
         away, on = u.copy(), u.copy()
         self.enter(on, self.time)

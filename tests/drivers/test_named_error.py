@@ -5,9 +5,10 @@ from functools import partial
 import pytest
 
 from drivers.cases import rings
+from drivers.studies._harness import solved
 from drivers.studies._named_reference import Reference, made
 from drivers.studies._named_scenes import SCENES
-from drivers.studies.named_error import Answer, ran
+from drivers.studies.named_error import Answer
 
 
 def test_a_reference_is_as_good_as_it_says(tmp_path):
@@ -18,7 +19,7 @@ def test_a_reference_is_as_good_as_it_says(tmp_path):
     best = Reference.read(tmp_path / "kept.npz")
     assert best.error < 0.03
     answer = Answer(partial(rings.exact, constants=rings.ring_constants()))
-    with ran(scene) as (run, _):
+    with solved(scene) as (run, _):
         answer(run, True)
     distance = best.distance(answer.solution.at, answer.axisymmetric, answer.laws)
     assert distance == pytest.approx(answer.error, abs=best.error**2 / answer.error + 1e-4)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from drivers.studies import random_errors
-from drivers.studies._harness import Rows
 from drivers.studies._random_scenes import drawn
 from drivers.studies.random_errors import deep, made
 from pcontact.scene import validate
@@ -27,7 +26,7 @@ def test_scenes_are_valid_and_the_same_each_time(tmp_path, seed):
 
 def test_seeds_differ():
     """Families, kinematics, cells and sizes are all drawn, and so are quantities."""
-    words = {word for seed in range(60) for word in drawn(seed).kind.split(", ")}
+    words = {word for seed in range(200, 300) for word in drawn(seed).kind.split(", ")}
     assert {"beam", "wedge", "notch", "roller", "rings", "layer", "stack", "in space", "axisymmetric", "plane stress",
             "tied", "friction", "plastic", "orthotropic", "one cell", "badly graded", "tetrahedra", "mixed",
             "geometry"} <= words  # fmt: skip
@@ -46,15 +45,3 @@ def test_a_reference_is_as_good_as_it_says(tmp_path, monkeypatch):
     assert solid.norm == pytest.approx(np.sqrt(0.5) * fine.norm)
     area, volume = (sum(one.weight.sum() for one in some.clouds) for some in (fine, solid))
     assert volume == pytest.approx(0.5 * area)
-
-
-def test_rows_are_kept(tmp_path):
-    """Rows of an earlier run are there again; a line that was cut off is not."""
-    rows = Rows(tmp_path / "rows.jsonl", ("seed",))
-    rows.add({"seed": 1, "true": 0.5})
-    with open(tmp_path / "rows.jsonl", "a") as file:
-        file.write('{"seed": 2, "tr')
-    again = Rows(tmp_path / "rows.jsonl", ("seed",))
-    assert {"seed": 1} in again and {"seed": 2} not in again
-    again.add({"seed": 2, "true": 1.0})
-    assert [row["seed"] for row in Rows(tmp_path / "rows.jsonl", ("seed",))] == [1, 2]
