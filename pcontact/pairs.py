@@ -218,6 +218,9 @@ def _add_chords(space, contact, pair, source, known):
         Of the groups seen before; grows.
     """
     fitted = contact.smooth_geometry
+    if contact.clearance is not None and not fitted:
+        # a gap that is said is not that between the facets
+        return
     for name in (contact.source, contact.target):
         if name is not None and (name, fitted) not in known:
             # means do for a warning

@@ -433,11 +433,12 @@ def test_the_estimate_is_about_the_error(shared_tmp):
 
 @pytest.mark.parallel
 def test_nothing_is_said_where_facets_do_no_harm(shared_tmp):
-    """Circles whose facets match, curved cells, bodies bent against each other."""
+    """Circles whose facets match, curved cells, a gap that is said, bodies bent against each other."""
     matching = make_mesh(rings, shared_tmp / "matching.msh", n=8, mismatch=1.0)
     curved = make_mesh(rings, shared_tmp / "curved.msh", n=8, order=2)
-    for path in (matching, curved):
-        with running(ring_scene(path, 1, 0.0)) as (simulation, converged):
+    straight = make_mesh(rings, shared_tmp / "straight.msh", n=8)
+    for path, more in ((matching, {}), (curved, {}), (straight, {"clearance": 0.0, "interference": None})):
+        with running(ring_scene(path, 1, 0.0, **more)) as (simulation, converged):
             assert converged and said() == []
             assert simulation.problem.contacts[0].summary(simulation.stepper.u).get("facet_error", 0.0) < 1e-3
     path = make_mesh(cylinder_on_block, shared_tmp / "hertz.msh", h=0.5, half=True, coarse=1.0)
