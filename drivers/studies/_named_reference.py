@@ -20,11 +20,11 @@ import numpy as np
 
 from drivers._common import log
 from drivers.studies._harness import solved as ran
+from pcontact.adapt.history import Watch
 from pcontact.adapt.loop import Loop
 from pcontact.adapt.secondary import solved
 from pcontact.adapt.seen import State, left_after
 from pcontact.adapt.settings import FACETS, FALLING
-from pcontact.adapt.watch import Watch
 from pcontact.assembly.error_norms import Displacements, energy_density
 from pcontact.element.geometry import gradients
 from pcontact.element.quadrature import quadrature

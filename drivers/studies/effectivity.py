@@ -48,7 +48,7 @@ from meshes import indent as indent_mesh
 from meshes import rings as ring_mesh
 from meshes.shells import shells, tubes
 from pcontact import build
-from pcontact.adapt.watch import at_nodes
+from pcontact.adapt.history import at_nodes
 from pcontact.assembly.error_norms import bulk_error
 from pcontact.mesh.refinement.refine import Balance, refine
 from pcontact.runtime.errors import InputError

@@ -21,8 +21,8 @@ from meshes import rings as ring_mesh
 from meshes.shells import shells
 from pcontact import build
 from pcontact.adapt import roughness
+from pcontact.adapt.history import Watch
 from pcontact.adapt.secondary import solved
-from pcontact.adapt.watch import Watch
 from pcontact.assembly.error_norms import bulk_error
 from pcontact.estimate import pressures
 from pcontact.mesh.refinement.refine import Balance, refine

@@ -10,8 +10,8 @@ import time as clock
 from drivers._common import log, main, make_mesh, make_parser, print_table, write_json
 from meshes import two_blocks
 from pcontact import build
-from pcontact.adapt.sizes import Contributions, cuts
-from pcontact.adapt.watch import Beginning, Known, Watch
+from pcontact.adapt.history import Beginning, Known, Watch
+from pcontact.adapt.mark import Contributions, cuts
 from pcontact.mesh.refinement.refine import Balance, refine
 from pcontact.runtime.errors import StepFailure
 from pcontact.runtime.options import Options

@@ -9,7 +9,7 @@ entries of the tangent that bring the error down as far as the most halvings of 
 import numpy as np
 
 from pcontact.adapt.budget import FOLLOWERS
-from pcontact.adapt.sizes import AT_ONCE, Contributions, cuts, degrees
+from pcontact.adapt.mark import AT_ONCE, Contributions, cuts, degrees
 from pcontact.element.reference import CELLS
 from pcontact.mesh.refinement.split import folded
 from pcontact.runtime import log

@@ -1,4 +1,4 @@
-"""Edges in space toward which the solution is singular, told as points are in the plane (`pcontact.adapt.corners`).
+"""Edges in space toward which the solution is singular, told as points are in `pcontact.adapt.singularities`.
 
 Around an edge where the displacement goes like r^a with the distance r, the squared error of the cells that touch it
 falls with h^(2 a + 1), where h is their size; around others with h^(2 p + 3). Two meshes tell the power at vertices of
@@ -6,7 +6,7 @@ sharp edges of the bodies, and of edges where groups of facets end, as under the
 both ends of a piece of such an edge, the piece is singular.
 
 Cells are as long across an edge as along it. So each halving of those that touch it doubles their number, and the cells
-around them follow: `pcontact.adapt.sizes` has what that costs. Pieces that meet share what the cells around them have,
+around them follow: `pcontact.adapt.mark` has what that costs. Pieces that meet share what the cells around them have,
 as the smallest cells make their neighbours as small.
 """
 

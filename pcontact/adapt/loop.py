@@ -8,13 +8,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
-from pcontact.adapt.decision import FAILED, REACHED, SPENT, Decision
+from pcontact.adapt.decide import FAILED, REACHED, SPENT, Decision
+from pcontact.adapt.errors import Measure
+from pcontact.adapt.history import Beginning, Watch
 from pcontact.adapt.kept import keep
-from pcontact.adapt.measure import Measure
 from pcontact.adapt.passes import ended, line, report
 from pcontact.adapt.refining import Refining
 from pcontact.adapt.settings import Settings
-from pcontact.adapt.watch import Beginning, Watch
 from pcontact.runtime import log, profile
 from pcontact.runtime.errors import TOLD, InputError, SolverError
 from pcontact.runtime.lock import reserved

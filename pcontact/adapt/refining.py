@@ -7,8 +7,8 @@ import numpy as np
 
 from pcontact import build
 from pcontact.adapt.cells import NAMES, Choice, locking, of_parts, parts_of
-from pcontact.adapt.corners import Corners
-from pcontact.adapt.sizes import Contributions, Cuts, degrees, next_cuts
+from pcontact.adapt.mark import Contributions, Cuts, degrees, next_cuts
+from pcontact.adapt.singularities import Corners
 from pcontact.mesh.refinement.refine import SIMPLICES, Balance, refine
 from pcontact.mesh.refinement.regular import HALVED
 from pcontact.mesh.refinement.split import split
@@ -19,11 +19,11 @@ class Step(NamedTuple):
 
     Attributes
     ----------
-    cuts : pcontact.adapt.sizes.Cuts
+    cuts : pcontact.adapt.mark.Cuts
         Of the simplices of each cell, where the mesh is divided.
     rise : pcontact.mesh.refinement.refine.Rise or None
     around : sequence of ndarray (n_nodes, 3)
-        What the next mesh has to know of this one, see :class:`pcontact.adapt.corners.Corners`.
+        What the next mesh has to know of this one, see :class:`pcontact.adapt.singularities.Corners`.
     divided : bool
         Whether the cells are divided into simplices first.
     """
@@ -64,7 +64,7 @@ class Refining:
 
     Attributes
     ----------
-    corners : pcontact.adapt.corners.Corners
+    corners : pcontact.adapt.singularities.Corners
     whole : bool
         Whether the cells of the last mesh are no simplices.
     choice : pcontact.adapt.cells.Choice
@@ -110,13 +110,13 @@ class Refining:
         return split(mesh, (), balance).mesh
 
     def look(self, space, watch, alike=True):
-        """What the last mesh tells of singular points, see :meth:`pcontact.adapt.corners.Corners.look`.
+        """What the last mesh tells of singular points, see :meth:`pcontact.adapt.singularities.Corners.look`.
         *Collective.*
 
         Parameters
         ----------
         space : pcontact.space.space.Space
-        watch : pcontact.adapt.watch.Watch
+        watch : pcontact.adapt.history.Watch
         alike : bool
         """
         return self.corners.look(space, watch.squares if watch.energies is None else watch.energies, alike,

@@ -58,7 +58,7 @@ def reports_of(simulation, scene, watch):
         That has run.
     scene : pcontact.scene.model.Scene
         Its own, with other settings of the contacts.
-    watch : pcontact.adapt.watch.Watch
+    watch : pcontact.adapt.history.Watch
         Of `simulation`.
 
     Returns
@@ -87,7 +87,7 @@ def energy(simulation, watch):
     ----------
     simulation : pcontact.simulation.Simulation
         That has run.
-    watch : pcontact.adapt.watch.Watch
+    watch : pcontact.adapt.history.Watch
         Of it.
     """
 

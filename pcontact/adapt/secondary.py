@@ -16,10 +16,10 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact.adapt import roughness
+from pcontact.adapt.history import Beginning
 from pcontact.adapt.passes import said_of
 from pcontact.adapt.roughness import bent, smooth_facets
 from pcontact.adapt.settings import PARTNER_RTOL, THIRD
-from pcontact.adapt.watch import Beginning
 from pcontact.estimate import pressures
 from pcontact.estimate.goal import value
 from pcontact.runtime import log
@@ -44,7 +44,7 @@ ALL = "settings"
 @contextmanager
 def solved(scene, comm, said, mesh, known=None):
     """A run in memory whose lines are not shown, and the record of its last load step; None where it does not converge.
-    It begins where the bodies are known to be, see :class:`pcontact.adapt.watch.Beginning`. *Collective.*
+    It begins where the bodies are known to be, see :class:`pcontact.adapt.history.Beginning`. *Collective.*
     """
     simulation = Simulation(scene, comm, said, mesh)
     # estimates are those of all load steps
@@ -232,7 +232,7 @@ class Secondary:
         ----------
         simulation : pcontact.simulation.Simulation
             That has run; its files are closed where they are measured.
-        watch : pcontact.adapt.watch.Watch
+        watch : pcontact.adapt.history.Watch
         done : pcontact.adapt.passes.Pass
             With the part of the mesh; its `trials` are set.
         size : float

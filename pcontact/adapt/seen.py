@@ -19,8 +19,8 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact import build
+from pcontact.adapt.history import at_nodes
 from pcontact.adapt.secondary import beyond, solved
-from pcontact.adapt.watch import at_nodes
 from pcontact.estimate.goal import value
 from pcontact.mesh.refinement.refine import Balance, refine
 from pcontact.runtime import log
@@ -243,7 +243,7 @@ class Seen:
         ----------
         simulation : pcontact.simulation.Simulation
             That has run.
-        watch : pcontact.adapt.watch.Watch
+        watch : pcontact.adapt.history.Watch
         far : bool
             Whether there is another pass, whatever the part: that one tells it, too.
         steps : float

@@ -307,6 +307,7 @@ class Problem:
     def extended(self, u, f, diagonal):
         """Residual vector at any ``u``, also off the supports: there it is the diagonal of the matrix, a vector, times
         the distance from what is prescribed, and all others do not hear of it. Its derivative is the matrix.
+        *Collective.*
         """
         away, on = u.copy(), u.copy()
         self.enter(on, self.time)

@@ -17,8 +17,8 @@ from meshes import geometries
 from meshes import rings as rings_mesh
 from meshes.blocks import two_blocks
 from meshes.punch import punch
+from pcontact.adapt.errors import Measure
 from pcontact.adapt.loop import FAILED, REACHED, SPENT, Loop
-from pcontact.adapt.measure import Measure
 from pcontact.assembly.error_norms import bulk_error
 from pcontact.cli import check_scene, reach
 from pcontact.io.result import load_result

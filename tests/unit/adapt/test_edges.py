@@ -5,8 +5,8 @@ import pytest
 
 from drivers._common import make_mesh
 from meshes.blocks import one_block
-from pcontact.adapt.corners import Corners
-from pcontact.adapt.sizes import Contributions, cuts
+from pcontact.adapt.mark import Contributions, cuts
+from pcontact.adapt.singularities import Corners
 from pcontact.mesh.load import load_mesh
 from pcontact.mesh.refinement.refine import refine
 from pcontact.runtime.petsc import MPI

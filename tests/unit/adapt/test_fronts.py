@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from meshes import two_blocks
-from pcontact.adapt.corners import Corners
 from pcontact.adapt.fronts import POWER, at_corners, front_of, zero_line
-from pcontact.adapt.watch import Watch
+from pcontact.adapt.history import Watch
+from pcontact.adapt.singularities import Corners
 from pcontact.element.reference import CELLS
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI

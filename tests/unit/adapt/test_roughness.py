@@ -10,7 +10,7 @@ from drivers.cases import rings
 from meshes import rings as ring_mesh
 from pcontact import build
 from pcontact.adapt import roughness
-from pcontact.adapt.watch import Watch
+from pcontact.adapt.history import Watch
 from pcontact.assembly.error_norms import bulk_error
 from pcontact.mesh.refinement.refine import Balance, refine
 from pcontact.runtime.options import Options

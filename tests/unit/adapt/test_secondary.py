@@ -5,10 +5,10 @@ from dataclasses import replace
 import pytest
 
 from drivers.studies._named_scenes import HELD_BACK
+from pcontact.adapt.history import Watch
 from pcontact.adapt.passes import Pass
 from pcontact.adapt.secondary import ALL, COARSER, Secondary, Told, answer, change_to, more_steps
 from pcontact.adapt.settings import Settings
-from pcontact.adapt.watch import Watch
 from pcontact.runtime.options import Options
 from pcontact.scene.target import Target
 from pcontact.simulation import Simulation

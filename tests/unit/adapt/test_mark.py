@@ -5,7 +5,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from pcontact.adapt.sizes import AT_ONCE, LEAP, Contributions, cuts, next_cuts
+from pcontact.adapt.mark import AT_ONCE, LEAP, Contributions, cuts, next_cuts
 from pcontact.runtime.petsc import MPI
 
 

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from pcontact.adapt.budget import POWER, Budgeted
-from pcontact.adapt.forecast import Aims, forecast
+from pcontact.adapt.budget import POWER, Aims, Budgeted, forecast
 from pcontact.adapt.known import Range
 from pcontact.adapt.passes import BYTES, Pass, memory_each
 from pcontact.runtime.petsc import MPI

@@ -2,9 +2,9 @@
 
 import pytest
 
-from pcontact.adapt.degree import ENTRIES, Degree
 from pcontact.adapt.known import Range
 from pcontact.adapt.passes import Pass
+from pcontact.adapt.settings import ENTRIES, Degree
 
 
 def done(error, dim=2, **more):

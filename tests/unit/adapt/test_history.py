@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pcontact.adapt.watch import KEPT, ROOM, Beginning, Known, Path
+from pcontact.adapt.history import KEPT, ROOM, Beginning, Known, Path
 
 
 def _begun(known, time=1.0):
@@ -50,7 +50,7 @@ def test_what_took_one_iteration():
     space = SimpleNamespace(comm=SimpleNamespace(size=1), n_dofs=4)
     problem, scene, taken = SimpleNamespace(space=space), SimpleNamespace(frictional=True), {}
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("pcontact.adapt.watch.at_nodes", lambda space, u: u)
+        patch.setattr("pcontact.adapt.history.at_nodes", lambda space, u: u)
         for begin in (None, SimpleNamespace(alone=lambda begin, end: begin < 1.0)):
             path = Path(SimpleNamespace(problem=problem, begin=begin, scene=scene))
             for number, newton in enumerate((1, 0, 1, 2)):
@@ -62,7 +62,7 @@ def test_what_took_one_iteration():
 @pytest.mark.parametrize("unknowns, steps, kept", [(100, 60, 60), (ROOM, KEPT, KEPT), (ROOM, KEPT + 1, 13)])
 def test_load_steps_that_there_is_room_for(unknowns, steps, kept, monkeypatch):
     """All of them on small meshes; else every other one, and the last."""
-    monkeypatch.setattr("pcontact.adapt.watch.at_nodes", lambda space, u: u)
+    monkeypatch.setattr("pcontact.adapt.history.at_nodes", lambda space, u: u)
     space = SimpleNamespace(comm=SimpleNamespace(size=1), n_dofs=unknowns)
     scene = SimpleNamespace(frictional=True)
     path = Path(SimpleNamespace(problem=SimpleNamespace(space=space), begin=None, scene=scene))

@@ -5,12 +5,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pcontact.adapt.decision import SPENT, TRUST, Decision
+from pcontact.adapt.decide import SPENT, TRUST, Decision
 from pcontact.adapt.known import Range
+from pcontact.adapt.mark import Cuts
 from pcontact.adapt.passes import Pass
 from pcontact.adapt.refining import Step
 from pcontact.adapt.settings import AIM
-from pcontact.adapt.sizes import Cuts
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.target import Target
 

@@ -5,7 +5,7 @@ import pytest
 
 from drivers._common import make_mesh
 from meshes.blocks import one_block
-from pcontact.adapt.corners import Corners, PressureError, around_vertices
+from pcontact.adapt.singularities import Corners, PressureError, around_vertices
 from pcontact.mesh.load import load_mesh
 from pcontact.mesh.refinement.refine import refine
 from pcontact.mesh.refinement.simplices import WISHED

@@ -4,12 +4,11 @@ import time as clock
 
 import numpy as np
 
-from pcontact.adapt.budget import Budgeted
+from pcontact.adapt.budget import Aims, Budgeted, forecast
 from pcontact.adapt.cells import MEASURED, of_parts, parts_of
-from pcontact.adapt.forecast import Aims, forecast
+from pcontact.adapt.mark import degrees
 from pcontact.adapt.passes import cost_of, said_of
 from pcontact.adapt.settings import AIM, FACETS, MORE_STEPS, NOTICED, SHARE, THIRD
-from pcontact.adapt.sizes import degrees
 from pcontact.runtime import log
 
 REACHED, FAILED, SPENT = 0, 1, 4
@@ -74,7 +73,7 @@ class Decision:
         Parameters
         ----------
         simulation : pcontact.simulation.Simulation
-        watch : pcontact.adapt.watch.Watch
+        watch : pcontact.adapt.history.Watch
         done : pcontact.adapt.passes.Pass
 
         Returns
@@ -224,7 +223,7 @@ class Decision:
         return part ** (1.0 / done.power)
 
     def forecast(self, space, passes, squares, step):
-        """What is to come, see :func:`pcontact.adapt.forecast.forecast`, on meshes that begin with a step.
+        """What is to come, see :func:`pcontact.adapt.budget.forecast`, on meshes that begin with a step.
         *Collective.*"""
         done, whole = passes[-1], self._refining.whole and not step.divided
         degree = degrees(space, whole)

@@ -17,7 +17,7 @@ import numpy as np
 
 from pcontact.adapt import edges, fronts
 from pcontact.adapt.cells import of_parts
-from pcontact.adapt.sizes import degrees
+from pcontact.adapt.mark import degrees
 from pcontact.element.reference import CELLS
 from pcontact.mesh.refinement.origin import marks, tree_points
 from pcontact.mesh.refinement.refine import Rise

@@ -66,8 +66,8 @@ class Contributions(NamedTuple):
     count : ndarray (n,) or None
         Of cells that have these squares each; None: one.
     power : ndarray (n,) or None
-        With which the squares around a vertex of the cell fall, see `pcontact.adapt.corners`; 2 p + d, and None, where
-        the solution is smooth.
+        With which the squares around a vertex of the cell fall, see `pcontact.adapt.singularities`; 2 p + d, and None,
+        where the solution is smooth.
     whole : bool
         Whether all cells are halved together.
     level : ndarray (n,) of int or None

@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from pcontact.adapt.corners import PressureError
 from pcontact.adapt.fronts import front_of
 from pcontact.adapt.known import effectivity, of_quantity
 from pcontact.adapt.passes import Pass
 from pcontact.adapt.secondary import Secondary
 from pcontact.adapt.seen import Seen
 from pcontact.adapt.settings import FACETS, NOTICED, THIRD
+from pcontact.adapt.singularities import PressureError
 from pcontact.element.reference import CELLS
 from pcontact.runtime import log
 from pcontact.runtime.petsc import MPI, PETSc
@@ -40,7 +40,7 @@ class Measure:
         ----------
         simulation : pcontact.simulation.Simulation
             That has run.
-        watch : pcontact.adapt.watch.Watch
+        watch : pcontact.adapt.history.Watch
             Its squares become those of the error that is named.
         seconds : float
             That it has taken.
