@@ -6,19 +6,19 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact.scene.amplitude import MULTIPLIED, timed
-from pcontact.scene.model import LONGER, SHORTEST, Body, Contact, Scene
+from pcontact.scene.keys import keys
+from pcontact.scene.model import LIST_TABLES, LONGER, SHORTEST, Body, Contact, Equation, Scene
 from pcontact.scene.places import groups_named
 
-# tables of which some may act in some phases only
-PHASED = ("contacts", "displacements", "loads", "springs", "pretensions")
-# tables that are on groups, bodies left aside
-GROUPED = ("contacts", "displacements", "loads", "springs", "temperatures", "couplings", "pretensions", "equations",
-           "periodic")  # fmt: skip
+# tables of which some may act in some phases only, and those that are on groups, bodies left aside
+PHASED = tuple(name for name, cls in LIST_TABLES.items() if "phases" in keys(cls) and cls is not Body)
+GROUPED = tuple(name for name, cls in LIST_TABLES.items() if cls is Equation or (
+    cls is not Body and any(one.group for one in keys(cls).values())))  # fmt: skip
 # keys of bodies that mean nothing without inertia: how they begin to move, and what resists that
 STARTS = ("initial_velocity", "initial_displacement")
 DAMPING = ("mass_damping", "stiffness_damping")
 # tables with amplitudes
-MOVED = ("displacements", "loads", "temperatures", "couplings", "pretensions")
+MOVED = tuple(name for name, cls in LIST_TABLES.items() if "amplitude" in keys(cls))
 
 
 class Span(NamedTuple):
