@@ -111,7 +111,7 @@ class PartnerUpdate:
         for searches in range(self.most + 1):
             # points that alternate, in scenes that make much of it, are left in the end with what the report says
             part = self.tolerance if searches == self.most else self.tolerance / self._gain
-            before = self._answers(u) if result.converged else None
+            before = self._forces(u) if result.converged else None
             if before is None or not self._renewed(u, searches >= FIRM, part):
                 break
             if searches == self.most:
@@ -120,24 +120,22 @@ class PartnerUpdate:
                 break
             expected = np.array([item.stale for item in self.items])
             result = self._with_multipliers(u, combined(result, self.newton.again(u, near=True)))
-            self._compare(before, self._answers(u), expected)
+            self._compare(before, self._forces(u), expected)
         change = self._gain * max(item.stale for item in self.items)
         self.carried = self._gain if self.carried else 0.0
         return replace(result, partners={"change": change, "searches": self._searches})
 
-    def _answers(self, u):
-        """Of each item, resultant of the contact forces and sum of their magnitudes (d + 1,) [force]. *Collective.*"""
-        own = []
-        for item in self.items:
-            forces = item.forces(u)[0] * item.source.jxw[:, None]
-            own.append([*forces.sum(axis=0), np.linalg.norm(forces, axis=1).sum()])
-        return self.problem.space.comm.allreduce(np.array(own), op=MPI.SUM)
+    def _forces(self, u):
+        """Contact forces (np, d) at the points of every item [force]. *Collective.*"""
+        return [item.forces(u)[0] * item.source.jxw[:, None] for item in self.items]
 
     def _compare(self, before, after, expected):
-        """Take the gain from answers (n, d + 1) before and after partners have changed, and from the parts (n,) that
-        were expected to change."""
-        change, size = after - before, np.maximum(before[:, -1], after[:, -1])
-        change = np.maximum(np.linalg.norm(change[:, :-1], axis=1), np.abs(change[:, -1]))
+        """Take the gain from the forces of all items before and after partners have changed, and from the parts (n,)
+        that were expected to change. *Collective.*"""
+        own = [[np.linalg.norm(one, axis=1).sum() for one in (b - a, a, b)]
+               for a, b in zip(before, after, strict=True)]  # fmt: skip
+        change, *sizes = self.problem.space.comm.allreduce(np.array(own), op=MPI.SUM).T
+        size = np.maximum(*sizes)
         some = (expected > self.tolerance) & (size > 0.0)
         if some.any():
             self._gain = max(1.0, float(np.max(change[some] / (size * expected)[some])))
