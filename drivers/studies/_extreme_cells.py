@@ -13,7 +13,7 @@ SOLID = {2: ((3, 2), (4, 2)), 3: ((2, 2, 2), (2, 2, 2))}
 # why a bound is what it is
 REASONS = {
     "exact": "the answer is in the space; Newton's method ends at 1e-8 of the first residual "
-    "and 1e-6 of the forces at work (nu: at 1e-12 of the first residual)",
+    "and 1e-7 of the forces at work (nu: at 1e-12 of the first residual)",
     "mesh": "discretisation error of this mesh",
     "stiff": "rounding errors of the stress of the stiffer body: 1e-13 times the ratio, or gamma0 times 1e-12",
     "condition": "what the residual leaves open: 1e-8 times the square of the aspect over 1e3",

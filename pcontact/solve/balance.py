@@ -10,8 +10,8 @@ from pcontact.runtime.petsc import MPI
 from pcontact.solve.problem import ROUNDINGS
 from pcontact.space.modes import RigidBodies
 
-# [-] Part of the forces on a loose body that may be left along its free motions. From: SMALL of convergence.py, for
-# the forces on one body instead of those on all.
+# [-] Part of the forces on a loose body that may be left along its free motions. From: chosen, ten times SMALL of
+# convergence.py, for the forces on one body instead of those on all.
 LEFT = 1e-6
 # [-] Part of what was left that an iteration has to get below. From: bisection, the slowest method that counts.
 LESS = 0.5
