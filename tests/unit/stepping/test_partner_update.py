@@ -157,6 +157,27 @@ def flipped(times, most, change=0.0):
     return both, update, update(None, None, 1.0)
 
 
+class Iterating(Flipping):
+    """With two iterates before the solution, far from it and near it."""
+
+    def solve(self, u, follow):
+        self.found = [follow(u, part) for part in (0.1, 1e-4)]
+        return super().solve(u, follow)
+
+    def strays(self, u):
+        return False
+
+
+@pytest.mark.parametrize("yields", [False, True])
+def test_bodies_that_yield_find_partners_near_the_solution(yields):
+    """And need no run of their own for them: others look for them where Newton's method has ended."""
+    both = Iterating(1)
+    update = PartnerUpdate(SimpleNamespace(others=[both], yields=yields), both, 6, 1e-3, [both])
+    outcome = update(None, None, 1.0)
+    assert both.found == [False, yields] and both.runs == (not yields)
+    assert outcome.converged and outcome.partners == {"change": 5e-4, "searches": 2}
+
+
 def test_what_settles_is_accepted():
     newton, update, outcome = flipped(2, 6)
     assert newton.runs == 2 and outcome.newton == 14 and outcome.converged
