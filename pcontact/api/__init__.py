@@ -12,6 +12,7 @@ start.as_library()
 
 from pcontact.api.fields import Fields
 from pcontact.api.meshes import mesh_from
+from pcontact.api.problem import Problem, problem
 from pcontact.api.results import ContactResult, Picture, Run, load
 from pcontact.api.running import Step, run
 from pcontact.api.scenes import Scene, from_dict, new, read
@@ -44,5 +45,5 @@ __all__ = [
     "ActiveSet", "Body", "Contact", "ContactResult", "Coupling", "Displacement", "Dynamics", "Fields", "FrictionLaw",
     "Item", "Load", "Material", "MeshSpec", "Obstacle", "Output", "Phase", "Picture", "PointLaw", "Pretension",
     "Region", "Run", "Scene", "Spring", "Step", "Steps", "Study", "Table", "Temperature", "add_law", "add_material",
-    "from_dict", "load", "mesh_from", "new", "read", "run", "study",
+    "from_dict", "load", "mesh_from", "new", "problem", "read", "run", "study",
 ]  # fmt: skip

@@ -249,10 +249,7 @@ class Newton:
             if self._reuse is not None:
                 self._reuse.forget()
         if self._differs:
-            # the pattern, too, is that of the load step, and PETSc keeps what it has found of another one
-            self.problem.tangent(u)
-            self._diagonal = self.problem.matrix.matrix.getDiagonal()
-            self._operators[1].compose(COLOURING, None)
+            self._linearise(u)
         free_garbage(self.problem.space.comm)
         before, self._search, self.norms, self._linearised = u.copy(), follow, [], False
         self._start = before
@@ -268,6 +265,34 @@ class Newton:
             self._search = None
             if self._filter is not None:
                 self._filter.detach(self.snes.getKSP())
+
+    def stand_alone(self):
+        """Have the SNES do what :meth:`solve` does, for a caller who asks it alone. *Collective.*"""
+        self._differs = True
+        self._renew_preconditioner()
+        self.snes.setInitialGuess(lambda snes, x: self._enter(x))
+
+    def begin_alone(self, u):
+        """A load step of a caller who asks the SNES alone begins at ``u``. *Collective.*"""
+        self._linearise(u)
+        self._converges.begin_step(u.copy())
+
+    def _enter(self, x):
+        """A run of the SNES begins at ``x``. *Collective.*"""
+        self.problem.enter(x, self.problem.time)
+        self._globalisation.begin(True)
+        self._converges.begin(near=True)
+        if self._reuse is not None:
+            self._reuse.forget()
+        if self._balance is not None:
+            self._balance.begin(x)
+
+    def _linearise(self, u):
+        """The pattern, and the diagonal with which the residual is extended, are those of the load step at ``u``, and
+        PETSc keeps what it has found of another pattern. *Collective.*"""
+        self.problem.tangent(u)
+        self._diagonal = self.problem.matrix.matrix.getDiagonal()
+        self._operators[1].compose(COLOURING, None)
 
     def last_preconditioner(self):
         """The preconditioner of the last linear solve, without its filter and as it is, for another Krylov method.
