@@ -51,6 +51,7 @@ SERIAL = [
     "layer, phases", "layer that is tied, phases", "friction that slows, phases",
     "clearance by an amplitude", "adjusted within",
     "finite strain, tied", "finite strain, rubber, theta -1", "finite strain, multipliers", "finite strain, roll",
+    "impact",
 ]  # fmt: skip
 
 

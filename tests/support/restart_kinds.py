@@ -17,6 +17,7 @@ from pcontact.scene.model import (
     Scene,
     Steps,
 )
+from tests.support.dynamics import collision
 
 COUNT, STOP = 6, 3
 UP_AND_DOWN = [(0, 0), (0.5, 1), (1, 0.4)]
@@ -103,6 +104,13 @@ def large(case, E=100.0, **said):
     return case
 
 
+def impact(folder):
+    """A body that turns as it flies, and hits one that is at rest, with friction and finite strain."""
+    case = collision(folder, 0.04, 0.04 * COUNT)
+    case.output, case.petsc = Output(fields=False, checkpoint=True), {"snes_rtol": "1e-12"}
+    return case
+
+
 def in_phases(case, second=4, **said):
     """The same in two phases, of three load steps and of some more."""
     case.phases = [Phase("first", 0.5, STOP), Phase("second", 0.5, second, **said)]
@@ -115,6 +123,7 @@ BALL = Obstacle("sphere", center=[0.5, -5.0], radius=5.0)
 ROLL = Obstacle("sphere", center=[0.5, -5.0], radius=5.0, angle=8.0, displacement=[0.0, 0.02], amplitude=TO_AND_FRO)
 SOFT = {"material": Material(1000.0, 0.3, yield_stress=12.0, hardening=50.0)}
 KINDS = {
+    "impact": impact,
     "frictionless": lambda f: stacked(f),
     "Coulomb": lambda f: stacked(f, friction=0.3),
     "Coulomb, theta 1": lambda f: stacked(f, friction=0.3, theta=1.0),
