@@ -23,6 +23,14 @@ ANSWER = {
     "oscillation": "oscillation of the pressure / norm",
     "balance": "contact force: out of balance / applied",
 }
+# ending of files, and of commands, of the runs with friction
+SHEARED = "_friction"
+TANGENTIAL = {
+    "tangential": "error of the tangential traction in L2 / norm",
+    "ripple": "oscillation of the tangential traction / norm",
+    "oscillation": "oscillation of the pressure / norm",
+    "newton": "Newton iterations",
+}
 EFFORT = {
     "newton": "Newton iterations",
     "krylov": "Krylov iterations",
@@ -30,8 +38,8 @@ EFFORT = {
     "cpu": "seconds of the processor",
 }
 COLUMNS = (
-    "method", "gamma0", "penetration", "error", "oscillation", "balance", "newton", "krylov", "updates", "condition",
-    "seconds", "cpu",
+    "method", "gamma0", "penetration", "error", "oscillation", "balance", "tangential", "ripple", "newton", "krylov",
+    "updates", "condition", "seconds", "cpu",
 )  # fmt: skip
 # of the smallest error: how far gamma0 may go without harm
 HARM = 2.0
@@ -67,12 +75,12 @@ def plots(directory: Path, rows: list[dict]) -> list[Path]:
     Returns
     -------
     list of Path
-        formulations_1.png, formulations_1_effort.png, ...
+        formulations_1.png, formulations_1_effort.png, formulations_1_friction.png, ...
     """
     paths = []
-    for order in sorted({row["order"] for row in rows}):
-        some = select(rows, order=order)
-        for end, panels in (("", ANSWER), ("_effort", EFFORT)):
+    for order, case in sorted({(row["order"], row["case"]) for row in rows}):
+        some = select(rows, order=order, case=case)
+        for end, panels in ((SHEARED, TANGENTIAL),) if case else (("", ANSWER), ("_effort", EFFORT)):
             paths.append(directory / f"formulations_{order}{end}.png")
             draw(paths[-1], _painter(some, panels, order), columns=2, rows=2, size=(4.6, 3.5), dpi=110)
             _reduce(paths[-1])
@@ -183,7 +191,7 @@ def over_gamma0(rows: list[dict], key: str, text) -> list[list[str]]:
     return table
 
 
-def document(data: dict, pictures: list[Path]) -> str:
+def document(data: dict) -> str:
     """What is published: for each degree the pictures, the best gamma0, quantities over gamma0, and all runs of the
     finest mesh.
 
@@ -191,16 +199,14 @@ def document(data: dict, pictures: list[Path]) -> str:
     ----------
     data : dict
         Of compare.json: ``commands``, ``ranks``, ``runs``.
-    pictures : list of Path
-        Of :func:`plots`.
     """
     lines = []
-    for order in sorted({row["order"] for row in data["runs"]}):
-        rows = select(data["runs"], order=order)
+    for order in sorted({row["order"] for row in select(data["runs"], case="")}):
+        rows = select(data["runs"], order=order, case="")
         lines += [f"## Degree {order}", "", f"`{data['commands'][str(order)]}`, {data['ranks']} ranks.", ""]
-        answer, effort = (path for path in pictures if path.stem.startswith(f"formulations_{order}"))
-        lines += [f"![Penetration, error, oscillation, balance over gamma0, degree {order}]({answer.name})", ""]
-        lines += [f"![Newton, Krylov, condition, seconds over gamma0, degree {order}]({effort.name})", ""]
+        picture = f"formulations_{order}"
+        lines += [f"![Penetration, error, oscillation, balance over gamma0, degree {order}]({picture}.png)", ""]
+        lines += [f"![Newton, Krylov, condition, seconds over gamma0, degree {order}]({picture}_effort.png)", ""]
         lines += [f"The smallest error of each formulation and mesh; range: gamma0 of {HARM:g} times that at most.", ""]
         header = ["", "facets", "gamma0", "error, %", "range", "penetration", "oscillation, %", "Newton", "Krylov",
                   "condition", "processor, s"]  # fmt: skip
@@ -220,4 +226,33 @@ def document(data: dict, pictures: list[Path]) -> str:
         finest = [[f"{row[key]:.3g}" if isinstance(row[key], float) else str(row[key]) for key in COLUMNS]
                   for row in select(rows, facets=facets)]  # fmt: skip
         lines += [*markdown(COLUMNS, finest), "", "</details>", ""]
-    return "\n".join(lines)
+    return "\n".join([*lines, *sheared(data)])
+
+
+def sheared(data: dict) -> list[str]:
+    """Lines on the runs with friction: for each degree the picture, and quantities over gamma0, mesh by mesh."""
+    lines = []
+    for order in sorted({row["order"] for row in select(data["runs"], case=SHEARED)}):
+        rows = select(data["runs"], order=order, case=SHEARED)
+        values, counts = (sorted({row[key] for row in rows}) for key in ("gamma0", "facets"))
+        lines += [f"## With friction, degree {order}", "",
+                  f"`{data['commands'][f'{order}{SHEARED}']}`, {data['ranks']} ranks.", "",
+                  f"![Tangential traction over gamma0, degree {order}](formulations_{order}{SHEARED}.png)", ""]
+        for key, title in TANGENTIAL.items():
+            percent, table = key != "newton", []
+            for name in METHODS:
+                cells = [" / ".join(_cell(row, key, percent) for row in select(rows, method=name, gamma0=value))
+                         for value in values]  # fmt: skip
+                table.append([name, *cells])
+            head, meshes = title.replace(" / norm", ", percent of its norm"), " / ".join(map(str, counts))
+            lines += [f"{head[:1].upper()}{head[1:]}, with {meshes} facets in the half width:", "",
+                      *markdown(["", *(f"{value:g}" for value in values)], table), ""]  # fmt: skip
+        lines += [f"* {text}" for text in causes(rows)] + [""]
+    return lines
+
+
+def _cell(row, key, percent):
+    if not row["converged"]:
+        return "failed"
+    return _percent(row[key]) if percent else str(int(row[key]))
+

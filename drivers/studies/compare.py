@@ -2,6 +2,7 @@
 
     mpirun -n 2 python drivers/studies/compare.py -o compare
     mpirun -n 2 python drivers/studies/compare.py -o compare --order 2 --facets 3 6 12
+    mpirun -n 2 python drivers/studies/compare.py -o compare --friction
     python drivers/studies/compare.py -o compare --publish docs/tables/formulations.md
 
 A cylinder is pressed on a block by a force, in plane strain, see `drivers/cases/hertz.py`: the closed form is Hertz's
@@ -14,33 +15,44 @@ condition, an estimate of that of the last tangent (largest over smallest singul
 the clock, and with the set-up of the processor on all ranks. A dash: the run did not converge; its cause is in the JSON
 and below the table.
 
-Runs of one degree (--order) replace those of the same degree in compare.json, and leave those of the other.
+With --friction two cylinders are pressed together and then sheared, after Cattaneo and Mindlin, see
+`drivers/cases/cattaneo_mindlin.py`. There the columns of the tangential traction are ``tangential``, its error in L2
+over the norm of the closed form for the force that presses, and ``ripple``, its oscillation: what is left of it in the
+stick zone and in the slip zones, a tenth at their edges left out, when the nearest smooth profile of each is taken
+away.
+
+Runs of one degree (--order) and problem replace those of the same kind in compare.json, and leave the others.
 --publish puts tables and plots of compare.json into a document.
 """
 
-import json
 import shutil
 import sys
 import time as clock
+from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 
-from drivers._common import contact_points, log, main, make_parser, running, write_json
+from drivers._common import contact_points, log, main, running, write_json
+from drivers.cases import cattaneo_mindlin as mindlin
 from drivers.cases.hertz import CASES, generate
-from drivers.studies._compare_report import METHODS, document, plots, report
+from drivers.studies import _harness as harness
+from drivers.studies._compare_report import METHODS, SHEARED, document, plots, report
 from drivers.studies._condition import condition
+from drivers.studies._harness import Counts, Rows, results, study_parser
 from pcontact.contact.formulation.parameters import coercive
 from pcontact.runtime.errors import InputError
-from pcontact.runtime.observer import Observer
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Output, Scene, Steps
 
 CASE = CASES["cylinder_on_block"]
-MEASURES = ("penetration", "error", "oscillation", "balance")
+MEASURES = ("penetration", "error", "oscillation", "balance", "tangential", "ripple")
 COUNTS = ("newton", "krylov", "updates", "condition", "seconds", "cpu")
 FREE, INNER = "free", 0.9
+# of the sheared cylinders: coefficient of friction, load steps that press and that shear, largest gamma0, a decade each
+FRICTION, PRESSING, SHEARING, DECADES = 0.2, 6, 3, 4
 MARK = "<!-- What follows is written by drivers/studies/compare.py with the option publish. -->"
 
 
@@ -66,26 +78,21 @@ def make_scene(mesh: Path, name: str, gamma0: float, order: int) -> Scene:
     )
 
 
-class Totals(Observer):
-    """Observer: iterations of the run, the last record, and why the last attempt of a load step failed."""
-
-    def __init__(self):
-        self.counts, self.record, self.cause = dict.fromkeys(("newton", "krylov", "updates"), 0), None, ""
-
-    def step(self, step, u, record):
-        """Add a step."""
-        self.record = record
-        self.counts["newton"] += record["newton"]
-        self.counts["krylov"] += record["krylov"]
-        self.counts["updates"] += record.get("uzawa", {"updates": 0})["updates"]
-
-    def cut(self, target, result):
-        """Keep the cause: the run goes on, or ends."""
-        self.cause = f"step to time {target:g}: {result.reason} after {result.newton} iterations"
+def sheared_scene(mesh: Path, name: str, gamma0: float, order: int) -> Scene:
+    """The scene of a run with friction."""
+    formulation, theta, _ = METHODS[name]
+    args = SimpleNamespace(order=order, mu=FRICTION, gamma0=gamma0, displacement=mindlin.DISPLACEMENT, press=PRESSING,
+                           steps=SHEARING, fields=False)  # fmt: skip
+    scene, plain = mindlin.make_scene(mesh, args, theta), make_scene(mesh, name, gamma0, order)
+    scene.contacts[0].formulation, scene.contacts[0].traction = formulation, "source"
+    scene.title, scene.allow_unsafe, scene.petsc = plain.title, plain.allow_unsafe, plain.petsc
+    scene.steps.min_step = 0.25
+    return scene
 
 
-def smooth(s: np.ndarray, p: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """The nearest smooth profile: Hertz's, wider or narrower, or a parabola (the overlap, of which penalty makes it).
+def smooth(s: np.ndarray, p: np.ndarray, weight: np.ndarray, inner: float = 0.0) -> np.ndarray:
+    """The nearest smooth profile: Hertz's, wider or narrower, or a parabola (the overlap, of which penalty makes it);
+    in a stick zone of the half width `inner` (over Hertz's) its own of both, too.
 
     Parameters
     ----------
@@ -93,7 +100,8 @@ def smooth(s: np.ndarray, p: np.ndarray, weight: np.ndarray) -> np.ndarray:
         Distance from the axis over Hertz's half width, below 1; contact pressure [stress]; area of the points.
     """
     hertz = np.sqrt(1.0 - s**2)
-    shapes, root = np.column_stack([hertz, hertz * s**2, np.ones_like(s), s**2]), np.sqrt(weight)
+    stick = [np.sqrt(1.0 - (s / inner) ** 2)] if inner else []
+    shapes, root = np.column_stack([hertz, hertz * s**2, np.ones_like(s), s**2, *stick]), np.sqrt(weight)
     return shapes @ np.linalg.lstsq(shapes * root[:, None], p * root, rcond=None)[0]
 
 
@@ -115,14 +123,36 @@ def measure(points: dict[str, np.ndarray], record: dict) -> dict[str, float]:
     }
 
 
+def measure_sheared(points: dict[str, np.ndarray], record: dict) -> dict[str, float]:
+    """Deviations of a solution from Cattaneo's and Mindlin's, see the head of this module."""
+    load, shear = -record["reactions"]["upper_flat"][1], record["contacts"]["skins"]["force"][0]
+    a, p0 = mindlin.CASE.from_force(load)
+    c, _, tangential = mindlin.closed_form(points["x"], load, mindlin.FORCE, FRICTION)
+    r, weight, found = np.abs(points["x"]), points["weight"], points["tangential"]
+    hertz, norm = p0 * np.sqrt(np.maximum(1.0 - (r / a) ** 2, 0.0)), np.sqrt(np.sum(weight * tangential**2))
+    left = 0.0
+    for zone, inner in ((r < INNER * c, c / a), ((r > (2.0 - INNER) * c) & (r < INNER * a), 0.0)):
+        wave = found[zone] - smooth(r[zone] / a, found[zone], weight[zone], inner)
+        left += np.sum(weight[zone] * wave**2)
+    inside = r < INNER * a
+    wave = points["pressure"][inside] - smooth(r[inside] / a, points["pressure"][inside], weight[inside])
+    return {
+        "error": float(np.sqrt(np.sum(weight * (points["pressure"] - hertz) ** 2) / np.sum(weight * hertz**2))),
+        "oscillation": float(np.sqrt(np.sum(weight[inside] * wave**2) / np.sum(weight * hertz**2))),
+        "balance": abs(shear / mindlin.FORCE - 1.0),
+        "tangential": float(np.sqrt(np.sum(weight * (found - tangential) ** 2)) / norm),
+        "ripple": float(np.sqrt(left) / norm),
+    }  # fmt: skip
+
+
 def is_coercive(name: str, gamma0: float) -> bool:
     """Whether gamma0 is not below the bound of coercivity of a formulation; penalty and multipliers have none."""
     formulation, theta, *_ = METHODS[name]
     return formulation != "nitsche" or gamma0 >= coercive(theta)
 
 
-def solve(mesh: Path, name: str, gamma0: float, order: int) -> dict:
-    """One run. *Collective.*
+def solve(mesh: Path, name: str, gamma0: float, order: int, sheared: bool = False) -> dict:
+    """One run, of the sheared cylinders or of the one that is pressed. *Collective.*
 
     Returns
     -------
@@ -130,20 +160,23 @@ def solve(mesh: Path, name: str, gamma0: float, order: int) -> dict:
         ``method``, ``gamma0``, ``coercive``, ``converged``, ``cause`` (of a run that did not), measures and counts; the
         same on every rank.
     """
-    totals = Totals()
+    totals = Counts()
+    build, points_of, tell = (sheared_scene, mindlin.points_of, measure_sheared) if sheared else (
+        make_scene, contact_points, measure)  # fmt: skip
     row = {"method": name, "gamma0": gamma0, "coercive": is_coercive(name, gamma0), "converged": False, "cause": ""}
     row.update(dict.fromkeys((*MEASURES, *COUNTS), float("nan")))
     start, work = clock.perf_counter(), clock.process_time()
     try:
-        with running(make_scene(mesh, name, gamma0, order), None, [totals]) as (simulation, converged):
+        with running(build(mesh, name, gamma0, order), None, [totals]) as (simulation, converged):
             row["converged"], row["unknowns"] = converged, simulation.problem.space.n_dofs
             if not converged:
                 row["cause"] = totals.cause
                 return row
             cpu = MPI.COMM_WORLD.allreduce(clock.process_time() - work)
-            row.update(totals.counts, cpu=cpu, seconds=clock.perf_counter() - start - simulation.timing["setup"])
-            points = contact_points(simulation)
-            found = None if points is None else measure(points, totals.record)
+            row.update({key: getattr(totals, key) for key in ("newton", "krylov", "updates")})
+            row.update(cpu=cpu, seconds=clock.perf_counter() - start - simulation.timing["setup"])
+            points = points_of(simulation)
+            found = None if points is None else tell(points, totals.record)
             row.update(simulation.comm.bcast(found, root=0))
             simulation.problem.tangent(simulation.stepper.u)
             row["condition"] = condition(simulation.problem.matrix.matrix)
@@ -153,10 +186,10 @@ def solve(mesh: Path, name: str, gamma0: float, order: int) -> dict:
     return row
 
 
-def earlier(path: Path, order: int) -> list[dict]:
-    """Rows of an earlier sweep with another degree. *Collective.*"""
+def earlier(path: Path, order: int, case: str) -> list[dict]:
+    """Rows of an earlier sweep with another degree or problem. *Collective.*"""
     rows = load(path)["runs"] if MPI.COMM_WORLD.bcast(path.exists()) else []
-    return [row for row in rows if row["order"] != order]
+    return [row for row in rows if (row["order"], row["case"]) != (order, case)]
 
 
 def load(path: Path) -> dict:
@@ -166,39 +199,40 @@ def load(path: Path) -> dict:
     ------
     InputError
     """
-
-    def read():
-        try:
-            data = json.loads(path.read_text())
-            rows = [{k: float("nan") if v is None else v for k, v in row.items()} for row in data["runs"]]
-            return {"commands": data["commands"], "ranks": data["ranks"], "runs": rows}
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            text = f"{path}: found {type(error).__name__}, allowed: the file of an earlier sweep, see -o"
-            raise InputError(text) from None
-
-    return MPI.COMM_WORLD.bcast(on_root(MPI.COMM_WORLD, read))
+    data = results(path, "command line: -o", ("commands", "ranks", "runs"))
+    rows = [{k: float("nan") if v is None else v for k, v in row.items()} for row in data["runs"]]
+    return {**data, "runs": [{"case": "", **row} for row in rows]}
 
 
 def sweep(args) -> int:
     """All runs of a degree; 1 where none of a formulation converged on a mesh."""
-    facets, decades = (args.facets[:1], 3) if args.tiny else (args.facets, args.decades)
+    case = SHEARED if args.friction else ""
+    facets, decades = args.facets[:1] if args.tiny else args.facets, DECADES if args.friction else args.decades
     values = args.lowest * 10.0 ** np.arange(decades + 1) if not args.tiny else [1.0, 100.0]
     path = args.o / "compare.json"
-    others = [] if args.tiny else earlier(path, args.order)
+    others = [] if args.tiny else earlier(path, args.order, case)
     said = load(path)["commands"] if others else {}
     command = "mpirun -n N python drivers/" + " ".join([Path(sys.argv[0]).name, *sys.argv[1:]])
-    head = {"case": "cylinder_on_block", "commands": {**said, str(args.order): command}, "ranks": MPI.COMM_WORLD.size}
+    said = {**said, f"{args.order}{case}": command}
+    head = {"case": "cylinder_on_block", "commands": said, "ranks": MPI.COMM_WORLD.size}
     rows, good = [], True
+    kept = Rows(args.o / "rows.jsonl", ("case", "order", "facets", "method", "gamma0"), args.go_on)
     for count in facets:
-        name = f"cylinder_{args.order}_{count}.msh"
-        mesh = generate(CASE, args.o / name, CASE.half_width / count, args.order)
+        path_of = args.o / f"cylinder{case}_{args.order}_{count}.msh"
+        if args.friction:
+            fine = SimpleNamespace(h=mindlin.CASE.half_width / count, order=args.order)
+            mesh = mindlin.generate(path_of, fine)
+        else:
+            mesh = generate(CASE, path_of, CASE.half_width / count, args.order)
         if not rows:
-            solve(mesh, "theta 0", 1.0, args.order)  # kernels are loaded outside the clock
+            solve(mesh, "theta 0", 1.0, args.order, args.friction)  # kernels are loaded outside the clock
         for method in METHODS:
+            keys = {"case": case, "order": args.order, "facets": count, "method": method}
             found = [
-                {"order": args.order, "facets": count, **solve(mesh, method, float(gamma0), args.order)}
+                kept.get({**keys, "gamma0": float(gamma0)},
+                         partial(solve, mesh, method, float(gamma0), args.order, args.friction))
                 for gamma0 in values
-            ]
+            ]  # fmt: skip
             rows += found
             good &= any(row["converged"] for row in found)
             # at once: a sweep that is killed leaves what it has
@@ -220,16 +254,10 @@ def publish(args) -> int:
     data = load(args.o / "compare.json")
 
     def write():
-        try:
-            head, mark, _ = args.publish.read_text().partition(MARK)
-        except OSError as error:
-            raise InputError(f"command line: --publish {args.publish}: found {error.strerror}") from None
-        if not mark:
-            raise InputError(f"{args.publish}: found no line {MARK!r}, allowed: a document with one")
         pictures = plots(args.o, data["runs"])
+        harness.publish(args.publish, MARK, document(data))
         for path in pictures:
             shutil.copy(path, args.publish.parent / path.name)
-        args.publish.write_text(f"{head}{MARK}\n\n{document(data, pictures)}")
 
     on_root(MPI.COMM_WORLD, write)
     return 0
@@ -244,12 +272,13 @@ def run(args) -> int:
 
 def make_options():
     """The parser of this driver."""
-    parser = make_parser(__doc__, "compare_results")
+    parser = study_parser(__doc__, "compare_results")
     add = parser.add_argument
     add("--facets", type=int, nargs="+", default=[5, 10, 20], help="facets in the half width of the contact, each mesh")
     add("--lowest", type=float, default=1e-2, help="smallest gamma0 (0.01)")
     add("--decades", type=int, default=8, help="powers of ten above it (8)")
     add("--order", type=int, choices=(1, 2), default=1, help="degree of displacement and geometry")
+    add("--friction", action="store_true", help="two cylinders with friction, pressed and sheared")
     add("--publish", type=Path, metavar="FILE", help="tables and plots of the sweeps in -o into this document")
     return parser
 

@@ -316,6 +316,18 @@ def _short(cell):
     return "-" if cell is None else float(f"{cell:.3g}") if isinstance(cell, float) else str(cell)[:100]
 
 
+def seeds(words):
+    """Seeds that words name, as 7 or 0:20."""
+    found = []
+    for word in words:
+        first, _, last = word.partition(":")
+        try:
+            found += range(int(first), int(last or int(first) + 1))
+        except ValueError:
+            raise InputError(f"command line: --seeds: found {word!r}, allowed: as 7 or 0:20") from None
+    return found
+
+
 def run(args):
     """Rows that are missing, or the table: on the first rank."""
     on_root(MPI.COMM_WORLD, _run, args)
@@ -325,13 +337,8 @@ def run(args):
 def _run(args):
     rows = Rows(args.o / FILE, ("seed", "of", "target"), comm=MPI.COMM_SELF)
     if args.tiny:
-        args.seeds, args.targets = TINY, TARGETS[:1]
-    first, _, last = args.seeds.partition(":")
-    try:
-        seeds = range(int(first), int(last or int(first) + 1))
-    except ValueError:
-        raise InputError(f"command line: --seeds: found {args.seeds!r}, allowed: as 7 or 0:20") from None
-    for seed in () if args.table else seeds:
+        args.seeds, args.targets = [TINY], TARGETS[:1]
+    for seed in () if args.table else seeds(args.seeds):
         scene = drawn(seed)
         for of, target in product(scene.quantities, args.targets):
             row = rows.get({"seed": seed, "of": of, "target": target}, partial(measured, scene, of, target, args))
@@ -342,7 +349,7 @@ def _run(args):
 def parser():
     """The driver's options."""
     p = make_parser(__doc__, str(Path.home() / "pcontact_random_errors"))
-    p.add_argument("--seeds", default="0:20", metavar="A:B", help="seeds of the scenes, B is left out (0:20)")
+    p.add_argument("--seeds", nargs="+", default=["0:20"], metavar="A:B", help="of the scenes, B is left out (0:20)")
     p.add_argument("--targets", type=float, nargs="+", default=list(TARGETS), metavar="PERCENT")
     p.add_argument("--table", action="store_true", help="no runs: what the rows say")
     return p

@@ -1,12 +1,25 @@
 """Comparison of the formulations: what is measured, and what each of them is good for on one mesh."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from drivers._common import make_directory, parse
+from drivers.cases import cattaneo_mindlin as mindlin
 from drivers.cases.hertz import generate
 from drivers.studies._compare_report import causes
-from drivers.studies.compare import CASE, MARK, METHODS, make_options, measure, run, solve
+from drivers.studies.compare import (
+    CASE,
+    FRICTION,
+    MARK,
+    METHODS,
+    make_options,
+    measure,
+    measure_sheared,
+    run,
+    solve,
+)
 from pcontact.runtime.errors import InputError
 
 pytestmark = pytest.mark.slow
@@ -25,6 +38,30 @@ def test_hertz_has_no_error():
     wavy = {**points, "pressure": pressure * (1.0 + 0.1 * np.sign(np.sin(300.0 * x)))}
     found = measure(wavy, RECORD)
     assert found["error"] == pytest.approx(0.1, rel=1e-3) and 0.05 < found["oscillation"] < 0.1
+
+
+def test_cattaneo_has_no_error():
+    load = mindlin.CASE.force
+    a, p0 = mindlin.CASE.from_force(load)
+    x = np.linspace(-1.5 * a, 1.5 * a, 6001)
+    tangential = mindlin.closed_form(x, load, mindlin.FORCE, FRICTION)[2]
+    points = {"x": x, "pressure": p0 * np.sqrt(np.maximum(1.0 - (x / a) ** 2, 0.0)), "tangential": tangential,
+              "weight": np.full(len(x), x[1] - x[0])}  # fmt: skip
+    record = {"reactions": {"upper_flat": [0.0, -load]}, "contacts": {"skins": {"force": [mindlin.FORCE, -load]}}}
+    assert max(measure_sheared(points, record).values()) < 1e-10
+    wavy = {**points, "tangential": tangential * (1.0 + 0.1 * np.sign(np.sin(300.0 * x)))}
+    found = measure_sheared(wavy, record)
+    assert found["tangential"] == pytest.approx(0.1, rel=1e-3) and 0.05 < found["ripple"] < 0.1
+    assert found["oscillation"] < 1e-10
+
+
+def test_formulations_with_friction(tmp_path):
+    """All balance; the pressure of the penalty method oscillates more than that of Nitsche's at the same gamma0."""
+    fine = SimpleNamespace(h=mindlin.CASE.half_width / 5, order=1)
+    mesh = mindlin.generate(tmp_path / "cylinders.msh", fine)
+    rows = {name: solve(mesh, name, 1.0, 1, True) for name in ("theta 0", "penalty")}
+    assert all(row["converged"] and row["balance"] < 1e-7 and row["tangential"] < 0.4 for row in rows.values())
+    assert rows["penalty"]["oscillation"] > 1.2 * rows["theta 0"]["oscillation"]
 
 
 @pytest.mark.parallel(2, 3)

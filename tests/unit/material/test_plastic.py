@@ -375,3 +375,17 @@ def test_in_a_loop_and_in_place(mode):
     np.testing.assert_array_equal(plastic, [point.plastic, point.plastic])
     np.testing.assert_array_equal(p, [point.p, point.p])
     assert abs(plastic[:, :3].sum(axis=1)).max() <= 1e-15 * abs(plastic).max()
+
+
+@pytest.mark.parametrize("mode", MODES[:3])
+def test_one_step_from_a_virgin_state_is_a_projection(mode):
+    """Stress from the total strain, the yield function in the Frobenius norm: sqrt(3/2) and 3/2 of its constants."""
+    radius, xi, (lam, mu) = 0.4, 30.0, LAME
+    point = Point((plastic_constants(lam, mu), hardening_curve(np.sqrt(1.5) * radius, 1.5 * xi)), mode)
+    strain = mandel(YIELD_STRAIN * np.array([[2.0, 0.7, 0.0], [0.7, -1.0, 0.0], [0.0, 0.0, 0.3]]), point.m)
+    trial = lam * np.trace(tensor(strain)) * np.eye(3) + 2.0 * mu * tensor(strain)
+    deviator = trial - np.trace(trial) / 3.0 * np.eye(3)
+    size = np.linalg.norm(deviator)
+    assert size > radius
+    known = trial - 2.0 * mu / (2.0 * mu + xi) * (size - radius) * deviator / size
+    assert tensor(point.stress(strain)) == pytest.approx(known, abs=1e-13)
