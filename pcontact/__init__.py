@@ -16,8 +16,8 @@ _API, _ERRORS = "pcontact.api", "pcontact.runtime.errors"
 _NAMES = (
     "ActiveSet", "Body", "Contact", "ContactResult", "Coupling", "Displacement", "Dynamics", "Fields", "FrictionLaw",
     "Item", "Load", "Material", "MeshSpec", "Obstacle", "Output", "Phase", "Picture", "PointLaw", "Pretension",
-    "Region", "Run", "Scene", "Spring", "Step", "Steps", "Study", "Table", "Temperature", "add_law", "add_material",
-    "from_dict", "load", "mesh_from", "new", "problem", "read", "run", "study",
+    "Problem", "Region", "Run", "Scene", "Spring", "Step", "Steps", "Study", "Table", "Temperature", "add_law",
+    "add_material", "from_dict", "load", "mesh_from", "new", "problem", "read", "run", "study",
 )  # fmt: skip
 # where the names of the Python API are at home
 _HOMES = {

@@ -44,6 +44,6 @@ from pcontact.scene import (
 __all__ = [
     "ActiveSet", "Body", "Contact", "ContactResult", "Coupling", "Displacement", "Dynamics", "Fields", "FrictionLaw",
     "Item", "Load", "Material", "MeshSpec", "Obstacle", "Output", "Phase", "Picture", "PointLaw", "Pretension",
-    "Region", "Run", "Scene", "Spring", "Step", "Steps", "Study", "Table", "Temperature", "add_law", "add_material",
-    "from_dict", "load", "mesh_from", "new", "problem", "read", "run", "study",
+    "Problem", "Region", "Run", "Scene", "Spring", "Step", "Steps", "Study", "Table", "Temperature", "add_law",
+    "add_material", "from_dict", "load", "mesh_from", "new", "problem", "read", "run", "study",
 ]  # fmt: skip
