@@ -26,8 +26,8 @@ from drivers._common import (
     running,
     write_json,
 )
+from drivers.error_norms import bulk_error, surface_error
 from meshes import rings
-from pcontact.assembly.error_norms import bulk_error, surface_error
 from pcontact.material.elastic import lame
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import MPI

@@ -19,13 +19,13 @@ from typing import NamedTuple
 import numpy as np
 
 from drivers._common import log
+from drivers.error_norms import Displacements, energy_density
 from drivers.studies._harness import solved as ran
 from pcontact.adapt.history import Watch
 from pcontact.adapt.loop import Loop
 from pcontact.adapt.secondary import solved
 from pcontact.adapt.seen import State, left_after
 from pcontact.adapt.settings import FACETS, FALLING
-from pcontact.assembly.error_norms import Displacements, energy_density
 from pcontact.element.geometry import gradients
 from pcontact.element.quadrature import quadrature
 from pcontact.element.shape import shape, shape_gradient
@@ -72,7 +72,7 @@ class Cloud(NamedTuple):
             ``other(x)`` gives displacement and gradient.
         axisymmetric : bool
         constants, law
-            As for :func:`pcontact.assembly.error_norms.energy_density`.
+            As for :func:`drivers.error_norms.energy_density`.
         """
         total = 0.0
         for first in range(0, len(self.x), POINTS):
@@ -117,7 +117,7 @@ class Reference(NamedTuple):
             ``other(x, body)`` gives displacement and gradient.
         axisymmetric : bool
         laws : list of tuple
-            Of the bodies, as for :func:`pcontact.assembly.error_norms.energy_density`.
+            Of the bodies, as for :func:`drivers.error_norms.energy_density`.
         """
         squares = [cloud.distance(partial(other, body=body), axisymmetric, *law)
                    for body, (cloud, law) in enumerate(zip(self.clouds, laws, strict=True))]  # fmt: skip

@@ -16,10 +16,10 @@ import numpy as np
 
 from drivers._common import contact_points, make_mesh
 from drivers.cases import cattaneo_mindlin, hertz, indent, rings, thick_cylinder
+from drivers.error_norms import bulk_error
 from drivers.studies._overkill import total
 from meshes import indent as indent_mesh
 from meshes import rings as rings_mesh
-from pcontact.assembly.error_norms import bulk_error
 from pcontact.material.elastic import lame
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Displacement, Load, Material, Scene

@@ -17,6 +17,7 @@ import numpy as np
 
 from drivers._common import main, make_mesh, make_parser, print_table, running, write_json
 from drivers.cases import rings
+from drivers.error_norms import bulk_error
 from drivers.studies.adapt import punch_scene
 from drivers.studies.effectivity import prepare
 from meshes import rings as ring_mesh
@@ -25,7 +26,6 @@ from meshes.punch import punch
 from pcontact import build
 from pcontact.adapt.known import effectivity
 from pcontact.adapt.loop import Loop
-from pcontact.assembly.error_norms import bulk_error
 from pcontact.material.elastic import in_plane, lame
 from pcontact.mesh.refinement.split import split
 from pcontact.runtime.options import Options

@@ -31,6 +31,7 @@ import numpy as np
 
 from drivers._common import draw, log, main, make_mesh, make_parser, observed_rates, print_table, running, write_json
 from drivers.cases import hertz, indent, rings, thick_cylinder
+from drivers.error_norms import bulk_error
 from drivers.studies._block_scenes import BLOCKS, DIRECT, LOADS, blocks, loaded
 from drivers.studies._overkill import total
 from drivers.studies._round_bodies import (
@@ -49,7 +50,6 @@ from meshes import rings as ring_mesh
 from meshes.shells import shells, tubes
 from pcontact import build
 from pcontact.adapt.history import at_nodes
-from pcontact.assembly.error_norms import bulk_error
 from pcontact.mesh.refinement.refine import Balance, refine
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.options import Options

@@ -16,6 +16,7 @@ import numpy as np
 
 from drivers._common import main, make_mesh, make_parser, print_table, write_json
 from drivers.cases import rings
+from drivers.error_norms import bulk_error
 from drivers.studies._round_bodies import LARGE, MIDDLE, SMALL, round_scene, shell_exact, shell_pressure
 from meshes import rings as ring_mesh
 from meshes.shells import shells
@@ -23,7 +24,6 @@ from pcontact import build
 from pcontact.adapt import roughness
 from pcontact.adapt.history import Watch
 from pcontact.adapt.secondary import solved
-from pcontact.assembly.error_norms import bulk_error
 from pcontact.estimate import pressures
 from pcontact.mesh.refinement.refine import Balance, refine
 from pcontact.runtime.errors import StepFailure

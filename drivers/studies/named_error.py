@@ -26,6 +26,7 @@ from functools import partial
 from pathlib import Path
 
 from drivers._common import log, main, print_table, write_json
+from drivers.error_norms import bulk_error
 from drivers.studies import _named_page as page
 from drivers.studies._harness import Rows, solved, study_parser
 from drivers.studies._named_pressure import Pressure
@@ -34,7 +35,6 @@ from drivers.studies._named_reference import BUDGET, Reference, made
 from drivers.studies._named_scenes import HELD_BACK, SCENES
 from drivers.studies._overkill import Overkill
 from pcontact.adapt.loop import REACHED, Loop
-from pcontact.assembly.error_norms import bulk_error
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.target import Target

@@ -9,12 +9,12 @@ import time as clock
 
 from drivers._common import log, main, make_mesh, make_parser, print_table, write_json
 from drivers.cases import rings
+from drivers.error_norms import bulk_error
 from drivers.studies._round_bodies import LARGE, MIDDLE, NU, SMALL, E, round_scene, shell_exact
 from meshes import geometries
 from meshes import rings as rings_mesh
 from meshes.shells import shells
 from pcontact.adapt.loop import REACHED, Loop
-from pcontact.assembly.error_norms import bulk_error
 from pcontact.material.elastic import lame
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI

@@ -9,8 +9,8 @@ traction sigma_xy n_y along the side is applied as a force.
 import numpy as np
 import pytest
 
+from drivers.error_norms import bulk_error
 from meshes import beam
-from pcontact.assembly.error_norms import bulk_error
 from pcontact.element.geometry import facet_geometry
 from pcontact.element.quadrature import quadrature
 from pcontact.element.reference import CELLS

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from drivers.cases.hertz import fit
+from drivers.error_norms import bulk_error
 from meshes.blocks import one_block, two_blocks
 from meshes.hertz import cylinders, two_balls
 from meshes.rings import rings
-from pcontact.assembly.error_norms import bulk_error
 from pcontact.contact.law import Frictionless, RowLaw
 from pcontact.contact.pair import contact_pair
 from pcontact.contact.surface.obstacle import RigidObstacle

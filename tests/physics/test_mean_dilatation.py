@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from drivers._common import running
+from drivers.error_norms import bulk_error
 from drivers.studies._extreme_shapes import wave
 from drivers.studies._robust_scenes import squeezed_ring
 from meshes.blocks import one_block, two_blocks
-from pcontact.assembly.error_norms import bulk_error
 from pcontact.assembly.geometry import bulk_degree
 from pcontact.contact.law import Frictionless, RowLaw
 from pcontact.contact.pair import contact_pair

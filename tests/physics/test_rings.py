@@ -20,8 +20,8 @@ from drivers.cases.rings import (
     ring_constants,
     ring_scene,
 )
+from drivers.error_norms import bulk_error, surface_error
 from meshes import rings
-from pcontact.assembly.error_norms import bulk_error, surface_error
 from pcontact.material.elastic import lame
 from pcontact.runtime.petsc import MPI
 

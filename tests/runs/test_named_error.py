@@ -12,6 +12,7 @@ import pytest
 import pcontact as pc
 from drivers._common import make_mesh
 from drivers.cases import rings
+from drivers.error_norms import bulk_error
 from drivers.studies._named_scenes import HELD_BACK, SCENES
 from meshes import geometries
 from meshes import rings as rings_mesh
@@ -19,7 +20,6 @@ from meshes.blocks import two_blocks
 from meshes.punch import punch
 from pcontact.adapt.errors import Measure
 from pcontact.adapt.loop import FAILED, REACHED, SPENT, Loop
-from pcontact.assembly.error_norms import bulk_error
 from pcontact.cli import check_scene, reach
 from pcontact.io.result import load_result
 from pcontact.material.elastic import lame

@@ -7,11 +7,11 @@ import pytest
 
 from drivers._common import make_mesh
 from drivers.cases import rings
+from drivers.error_norms import bulk_error
 from meshes import rings as ring_mesh
 from pcontact import build
 from pcontact.adapt import roughness
 from pcontact.adapt.history import Watch
-from pcontact.assembly.error_norms import bulk_error
 from pcontact.mesh.refinement.refine import Balance, refine
 from pcontact.runtime.options import Options
 from pcontact.simulation import Simulation

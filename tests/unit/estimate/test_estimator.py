@@ -8,9 +8,9 @@ import pytest
 
 from drivers._common import make_mesh
 from drivers.cases.rings import NU, E, exact, ring_constants, ring_scene
+from drivers.error_norms import bulk_error
 from meshes import rings
 from meshes.blocks import two_blocks
-from pcontact.assembly.error_norms import bulk_error
 from pcontact.element.reference import CELLS
 from pcontact.io.result import load_result
 from pcontact.material.elastic import lame

@@ -6,8 +6,8 @@ import gmsh
 import numpy as np
 import pytest
 
+from drivers.error_norms import bulk_error
 from meshes.tools import finish, gmsh_model, group, unstructured
-from pcontact.assembly.error_norms import bulk_error
 from pcontact.estimate.singular import SingularPoints
 from pcontact.estimate.toward import ANGULAR, NUMBER, POWERS, held, inside, patches, rule, side_rule, toward
 from pcontact.material.elastic import lame

@@ -153,7 +153,7 @@ def probes(record):
     pytest.param("triangle", "closest_point", 0.3, marks=pytest.mark.slow),
 ])  # fmt: skip
 def test_lips_of_one_body_are_those_of_two(shared_tmp, cell, search, friction):
-    """Same points, same partners, the traction of each point's own cell: the same numbers; hoop force of a closed ring under pressure."""
+    """Same points, same partners, the traction of each its own: the same numbers; hoop force of a closed ring."""
     said = {"search": search, "friction": friction, "cell": cell, "n": (6, 48), "traction": "source"}
     one, two = (closed(shared_tmp, split, **said) for split in (False, True))
     np.testing.assert_allclose(probes(one), probes(two), rtol=0.0, atol=1e-6)
