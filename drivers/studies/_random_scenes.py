@@ -50,7 +50,8 @@ class Shape:
 class Drawn:
     """A scene that was drawn: `kind` in words, the geometry, the scene without its mesh, the quantities whose errors
     are named, and the mesh to begin with: cells and sizes of `CELLS` and `SIZES`, its degree, its depth (0: in the
-    plane) with layers of cells across it (0: tetrahedra), and whether the program is given the geometry."""
+    plane) with layers of cells across it (0: tetrahedra), and whether the program is given the geometry; words of edges
+    that all bodies are mirrored at."""
 
     seed: int
     kind: str
@@ -63,6 +64,7 @@ class Drawn:
     depth: float
     layers: int
     geometry: bool
+    mirrored: tuple = ()
 
     @property
     def rests(self):
@@ -102,7 +104,12 @@ class Drawn:
         places (n, 2) on contact surfaces; of degree 2."""
         path = folder / f"graded_{self.seed}.msh"
         with gmsh_model("graded"):
-            curves, vertices = self._draw()
+            curves, corners = self._draw()
+            # the bodies go on beyond these edges: nothing is singular at their ends
+            edges = [edge.partition("_")[2] for shape in self.shapes for edge, _ in shape.edges]
+            ends = [before for shape in self.shapes for before in np.roll([e for e, _ in shape.edges], 1)]
+            vertices = [corner for corner, edge, before in zip(corners, edges, ends, strict=True)
+                        if not {edge, before.partition("_")[2]} & set(self.mirrored)]  # fmt: skip
             extra = [gmsh.model.occ.addPoint(*place, 0.0) for place in places]
             gmsh.model.occ.synchronize()
             touched = {name for one in self.scene.contacts for name in (one.source, one.target)}
@@ -411,6 +418,7 @@ def drawn(seed):
                 draw.one(1, 1, 2), depth, draw.one(0, 1, 2), curved and draw.often(0.4))  # fmt: skip
     if depth and not one.layers:
         one.cells = "triangles"
+    one.mirrored = ("left",) if draw.half else ("low", "side") if family is _rings else ()
     one.scene.steps.count = scene.steps.count if one.rests else 1
     one.quantities = ["energy", *sorted(draw.rng.permutation(of)[:2].tolist())]
     words = [family.__name__[1:], "in space" if depth else kinematics.replace("_", " ")]
