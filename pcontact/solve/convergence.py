@@ -78,7 +78,7 @@ class ConvergenceTest:
     @property
     def part(self):
         """Part of the largest residual of the run that is left."""
-        return self.norms[-1] / max(self.norms)
+        return self.norms[-1] / max(self._first, *self.norms)
 
     def __call__(self, snes, iteration, norms):
         norm = norms[2]
@@ -93,7 +93,7 @@ class ConvergenceTest:
             self._first = float(np.fmin(norm, self.predicted_from))
             if self._problem.goes_on:
                 # there is little to do where bodies go on as they did: its residual says nothing of the forces
-                self._first = max(self._first, self._problem.acting(snes.getSolution()))
+                self._first = max(self._first, self._problem.imposing, self._problem.acting(snes.getSolution()))
         self.norms.append(norm)
         if self.told is not None:
             self.told(self.norms)

@@ -52,6 +52,8 @@ class Problem:
         Whether the tangent is constant.
     goes_on : bool
         Whether the load step begins where the bodies are if they go on as they did.
+    imposing : float
+        Norm of the residual [force] where it would begin else, of small strain: what is prescribed alone has moved.
     stabilised : bool
         Whether `stabilisation` is added to the matrix.
     timed : sequence of pcontact.assembly.loads.TimedLoad
@@ -101,7 +103,7 @@ class Problem:
         self.matrix, self.inertia = self.new_matrix(), None
         self._versions = None
         self.pattern_changes = 0
-        self._committed, self._changed, self.goes_on = None, set(), False
+        self._committed, self._changed, self.goes_on, self.imposing = None, set(), False, 0.0
 
     def new_matrix(self):
         """A matrix of the problem's unknowns, without entries. *Collective.*"""
@@ -122,6 +124,14 @@ class Problem:
     def extrapolates(self):
         """Whether load steps begin where the bodies are if they go on as they did, once they have moved."""
         return self.bulk.extrapolates
+
+    @property
+    def continues(self):
+        """Whether load steps begin where the bodies are if they go on as they did, once they have moved: also elastic
+        bodies that nothing but supports, loads and contact moves."""
+        if self.extrapolates:
+            return True
+        return not (self.linear or self.yields or self.inertia or any(item.floats for item in self.others))
 
     @property
     def parts(self):
@@ -149,14 +159,23 @@ class Problem:
         """Enter the prescribed displacements of a time into ``u``, the committed displacement so far. *Collective.*
 
         Decides whether the load step begins with a prediction: where bodies may yield, where supports that move alone
-        open or close points, and where bodies have finite strain. These begin where they are if they go on as they did
-        (`ahead`), unless they cannot be there: from a committed state they would have to turn by a whole load step.
+        open or close points, and where bodies have finite strain. These, and elastic ones, begin where they are if they
+        go on as they did (`ahead`), unless they cannot be there: from a committed state they would have to turn by a
+        whole load step.
         """
         moves = not self.linear and self.imposed(u, time) > 0.0
         before = u.copy() if self.yields or moves or self.extrapolates else None
-        self.goes_on = self.extrapolates and ahead is not None and self.integrable(ahead)
+        self.goes_on = self.continues and ahead is not None and (not self.extrapolates or self.integrable(ahead))
+        self.imposing = 0.0
         if self.goes_on:
-            ahead.copy(before)
+            if not self.extrapolates:
+                # what is prescribed alone says how large forces are that are to be balanced
+                self.enter(u, time)
+                forces = u.duplicate()
+                self.residual(u, forces)
+                self.imposing = forces.norm()
+            if before is not None:
+                ahead.copy(before)
             ahead.copy(u)
         self.enter(u, time)
         self._changed = self._changed_by_supports(before, u) if moves else set()

@@ -236,7 +236,7 @@ class Stepper:
                 item.detect(self.u, target, motion, ahead)
         middle, searched = clock.perf_counter(), self.timing["search"]
         with profile.phase("solve"):
-            onward = self._continued(target, motion) if self.problem.extrapolates else None
+            onward = self._continued(target, motion) if self.problem.continues else None
             self.problem.prescribe(self.u, target, onward)
             if expected is not None:
                 self.problem.expect(self.u, expected)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import pcontact as pc
+from drivers.studies._robust_scenes import reversal
 from pcontact.scene.model import Body, Contact, Displacement, Material, Output, Scene, Steps
 
 RIGID = 1e7
@@ -166,3 +167,10 @@ def test_a_corner_of_the_target_counts_as_penetration(source, target):
         assert contact["max_penetration"] > 0.05 and sinks and "unbiased = true" in sinks[0]
     else:
         assert contact["max_penetration"] < 0.1 and not sinks
+
+
+def test_elastic_bodies_that_go_on_as_they_did_begin_there(tmp_path):
+    """A block that is pressed, and pushed to and fro: less than half of the iterations of a start where it was."""
+    steps, _ = solved(reversal(tmp_path, friction=0.3, theta=0.0))
+    newton = [step["newton"] for step in steps]
+    assert len(newton) == 5 and sum(newton) <= 14, newton

@@ -27,7 +27,7 @@ class FewUnknowns:
         Whether the tangent is constant; whether there are points that may slip.
     """
 
-    yields = predicts = stabilised = extrapolates = goes_on = False
+    yields = predicts = stabilised = extrapolates = continues = goes_on = False
     loose, contacts = (), ()
     pattern_changes, time = 0, 1.0
 

@@ -142,7 +142,7 @@ class Number:
 class MadeUp:
     """Problem, space and item at once, with a record of who called what."""
 
-    extrapolates, energy = False, None
+    extrapolates, continues, energy = False, False, None
 
     def __init__(self):
         self.space, self.items, self.others, self.time, self.calls = self, [self], [], 0.0, []
