@@ -182,7 +182,8 @@ def results(path, said, keys=()):
             data = json.loads(path.read_text(encoding="utf-8"))
             return {key: data[key] for key in keys} if keys else data
         except (OSError, ValueError, KeyError, TypeError) as error:
-            text = f"{said}: found {type(error).__name__} in {path}, allowed: results of this study"
+            found = "no file" if isinstance(error, OSError) else "something else"
+            text = f"{said}: found {found} in {path}; allowed: results of an earlier sweep of this study"
             raise InputError(text) from None
 
     return MPI.COMM_WORLD.bcast(on_root(MPI.COMM_WORLD, read))

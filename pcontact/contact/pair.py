@@ -253,7 +253,6 @@ class ContactPair(Item):
         """
         self._turn(nodal)
         found = self.search.find(nodal, x, self._normals, time, self.radius, self.origin)
-        found = self.terms.face(found, nodal, x, self.origin)
         if self.chords is None:
             return found
         return found._replace(gap=self.chords(found.gap, found.normal, found.paired, found.offset))
@@ -263,7 +262,7 @@ class ContactPair(Item):
 
     def _freeze(self, u, gap, normal, found):
         """Partners that stay until the next search, with the gap that it found at displacements. *Collective.*"""
-        found = self.terms.weigh(found)
+        found = self.terms.weigh(found, self.space.local.gather(u))
         if not self.rigid or self.pairing is None:
             self._plan(found.nodes, found.paired)
         self.pairing = self._paired(normal, found)
@@ -608,7 +607,7 @@ def contact_pair(space, contact, source, target, radius, floats=False, bulk=None
     method = method_of(space, contact, source)
     source = method.source(source)
     alone = bulk is None or not method.has_traction
-    traction = Traction(source) if alone else source_traction(space, bulk, contact, (source, target), method.theta)
+    traction = Traction(source) if alone else source_traction(space, bulk, contact, source, method.theta)
     kind = SmallTerms if contact.pressure_overclosure is None else LayerTerms
     terms = kind(space, source, method, traction, law)
     return ContactPair(space, contact, source, partner_search(space, contact, target, law), terms, radius, floats)

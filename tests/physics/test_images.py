@@ -176,4 +176,4 @@ def test_with_default_tolerances(tmp_path, cell, order):
     disk = make_disk(tmp_path / "disk.msh", cell, order)
     scene = press(disk, Contact(*SKINS[::-1], friction=0.3), [0.05, -0.02], order)
     scene.petsc, scene.steps.count = {}, 2
-    assert differences(scene, tmp_path, ["mirrored and numbered anew", "turned and numbered anew"]).max() < 1e-5
+    assert differences(scene, tmp_path, ["mirrored and numbered anew", "turned and numbered anew"]).max() < 2e-5

@@ -151,12 +151,12 @@ def test_a_layer_on_a_stretched_base_has_no_stress_but_that_of_the_cap(material,
 
 def test_a_block_that_comes_to_a_stack_in_contact():
     """A base sinks by its weight; a block comes and is pressed on it. It rests on the base where that is, or, adjusted,
-    sinks by what the base sinks from then on alone."""
+    sinks by what the base sinks from then on alone. (The stress of the cells of the base is that of their middle.)"""
     for said, gap in (({}, 0.02), ({"interference": "adjust", "adjust_within": 0.1}, 0.0)):
         scene = pc.Scene(
             mesh=stack("base", cap="block"), materials={"m": {"E": 100.0, "nu": 0.0}},
             bodies=[pc.Body("base", "m"), pc.Body("block", "m", phases=["on"])],
-            contacts=[pc.Contact("bottom_block", "top_base", name="joint", **said)],
+            contacts=[pc.Contact("bottom_block", "top_base", name="joint", traction="source", **said)],
             displacements={"bottom": [0, 0], "top_block": [0, "free"]},
             loads=[pc.Load("base", body_force=[0.0, -1.0], amplitude=[[0, 0], [1, 1]]),
                    pc.Load("top_block", pressure=2.0)],

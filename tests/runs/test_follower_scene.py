@@ -106,5 +106,5 @@ def test_refusals(tmp_path):
         Simulation(scene, SELF)
     scene = tube(path, [0, 1])
     scene.loads = [Load("left", traction=[1, 0], follower=True)]
-    with pytest.raises(InputError, match=r"loads\[0\].*follower.*traction"):
+    with pytest.raises(InputError, match=r"loads\[0\].*follower.*pressure"):
         Simulation(scene, SELF)

@@ -88,12 +88,8 @@ class FiniteTerms:
         """The next tangent is the first one of a load step."""
         self._made = 0
 
-    def face(self, found, nodal, x, origin):
+    def weigh(self, found, nodal):
         """Partners as they are: the traction is that of the source."""
-        return found
-
-    def weigh(self, found):
-        """The same."""
         return found
 
     def wide(self, p):

@@ -70,15 +70,12 @@ class SmallTerms:
 
     # -- a load step ----------------------------------------------------------------------------------------------
 
-    def face(self, found, nodal, x, origin):
-        """See :meth:`pcontact.contact.traction.small.Traction.face`. *Collective.*"""
-        return self.traction.face(found, nodal, x, origin)
-
-    def weigh(self, found):
-        """Partners (`pcontact.contact.search.partners.Partners`) on all nodes with a part in the traction; gamma, alpha
-        are those of the two sides. *Collective.*
+    def weigh(self, found, nodal):
+        """Partners (`pcontact.contact.search.partners.Partners`) on the nodes of their cells, where those have a part
+        in the traction: weights, gamma and alpha are those of the two sides at displacements (n_local, d).
+        *Collective.*
         """
-        found, weighted = self.traction.weigh(found, self._directions), self.traction.weighted
+        found, weighted = self.traction.weigh(found, nodal, self._directions)
         if weighted is not None:
             self.method.take_trace(weighted.trace)
             if weighted.shear is not None:

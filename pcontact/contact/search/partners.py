@@ -38,8 +38,6 @@ class Partners(NamedTuple):
         Of the target's smooth surface there, see `pcontact.contact.surface.smooth_geometry`.
     place, held : ndarray or None
         Of target facets, see `pcontact.contact.search.exchange.Found`.
-    sides : pcontact.contact.traction.target.Sides or None
-        Where the traction is that of both sides.
     """
 
     gap: np.ndarray
@@ -51,7 +49,6 @@ class Partners(NamedTuple):
     offset: np.ndarray | None
     place: np.ndarray | None = None
     held: np.ndarray | None = None
-    sides: object = None
 
 
 class TargetSearch:

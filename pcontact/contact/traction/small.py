@@ -413,7 +413,7 @@ class _Excess:
         at, shape = np.full(len(source.facet), -1, dtype=np.int64), (source.shape.shape[1], *[source.x.shape[1]] * 2)
         for part in self.parts:
             response, places = self._response(part, values, cells, True), part.places
-            flows = (response.active.reshape(len(part.rows), -1) == FLOWS).any(axis=1)
+            flows = (response.active.reshape(part.grad.shape[:2]) == FLOWS).any(axis=1)
             response.tangent[response.active != FLOWS] = 0.0
             some = np.flatnonzero(flows[places.facet])
             rows = np.zeros((len(some), *shape))
@@ -557,14 +557,10 @@ class Traction:
         """Nodes (n,), global numbers, whose displacement this rank needs besides those of its points."""
         return np.zeros(0, dtype=np.int64)
 
-    def face(self, found, nodal, x, origin):
-        """Partners as both sides of the points have them, which a search has found at displacements (n_local, d) for
-        places (np, d) relative to an origin; of the source alone as they are. *Collective.*"""
-        return found
-
-    def weigh(self, found, m):
-        """Partners on all nodes that have a part in a traction in m directions. *Collective.*"""
-        return found
+    def weigh(self, found, nodal, m):
+        """Partners on the nodes that have a part in a traction in m directions, and the `Weighted` of both sides; that
+        of the source alone has neither. *Collective.*"""
+        return found, None
 
     @property
     def is_linear(self):

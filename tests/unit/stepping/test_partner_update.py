@@ -172,7 +172,8 @@ class Iterating(Flipping):
 def test_bodies_that_yield_find_partners_near_the_solution(yields):
     """And need no run of their own for them: others look for them where Newton's method has ended."""
     both = Iterating(1)
-    update = PartnerUpdate(SimpleNamespace(others=[both], yields=yields), both, 6, 1e-3, [both])
+    problem = SimpleNamespace(yields=yields, others=[both], space=SimpleNamespace(comm=MPI.COMM_SELF))
+    update = PartnerUpdate(problem, both, 6, 1e-3, [both])
     outcome = update(None, None, 1.0)
     assert both.found == [False, yields] and both.runs == (not yields)
     assert outcome.converged and outcome.partners == {"change": 5e-4, "searches": 2}

@@ -5,7 +5,6 @@ from functools import partial
 import numpy as np
 import pytest
 
-from meshes import rings
 from pcontact.contact.formulation.small import SmallTerms
 from pcontact.contact.pair import contact_pair
 from pcontact.contact.surface.sides import source_surface, target_surface
@@ -53,7 +52,7 @@ def inclined(x, slope):
 @pytest.mark.parametrize("cell", ["quadrilateral", "triangle", "hexahedron", "tetrahedron"])
 def test_weights_areas_and_traction(tmp_path, cell, search, friction):
     """An inclined source over a flat target, both strained: w1 sigma1 n_X - w2 J sigma2 n_Y, with J that of the areas
-    which lie beneath each other along the weighted normal, and the partner on it."""
+    which lie beneath each other along the direction of the search."""
     d, slope = DIMENSION[cell], 0.5
     path = blocks_file(tmp_path / "b.msh", cell, 2, 3, gap=0.1)
     space = make_space(SELF, path, ["lower", "upper"], 1, lambda x: inclined(x, slope))
@@ -71,11 +70,6 @@ def test_weights_areas_and_traction(tmp_path, cell, search, friction):
     # at the ends of the target partners are held, and no part of them counts
     some = p.paired & (p.operator.width > source.shape.shape[1])
     assert np.count_nonzero(some) > 0.5 * len(some)
-    values = p.exchange.gather(u)
-    below = np.einsum("pm,pmd->pd", p.target_shape, (space.points[p.exchange.nodes] + values)[p.targets])
-    gap = item.terms.gap(p, values)[:, None] * p.normal
-    above = item.deformed(space.local.gather(u)) + item.origin
-    np.testing.assert_allclose((above + gap)[some], below[some], atol=1e-12)
     own, other = (stress(one, moduli) for one, moduli in zip(both[::-1], (STIFF, SOFT), strict=True))
     l1, l2 = source.trace[source.facet], source_surface(space, "lower_top", [SOFT, STIFF], sticks=True).trace[0]
     w1 = np.where(some, ratio * l2 / (l1 + ratio * l2), 1.0)
@@ -87,14 +81,6 @@ def test_weights_areas_and_traction(tmp_path, cell, search, friction):
         shear = 4.0 * SOFT[1] / (SOFT[0] + 2.0 * SOFT[1])
         part = (w1**2 * l1 + (1.0 - w1) ** 2 * ratio * l2 * np.where(some, shear, 0.0)) / (gamma / item.method.gamma0)
         np.testing.assert_allclose(item.method.alpha, part, rtol=1e-9)
-        even = np.linalg.norm(areas[1]) / np.linalg.norm(areas[0])
-        mixed = even * l2 * source.normal - l1[:, None] * up
-        mixed /= np.linalg.norm(mixed, axis=1)[:, None]
-        # points that are far keep the normal of the search: along the weighted one they leave the facet
-        kept = source.normal if search == "ray_tracing" else -areas[0] / np.linalg.norm(areas[0])
-        turned = some & (np.abs(p.normal - kept).max(axis=1) > 1e-12)
-        assert np.count_nonzero(turned) > 0.3 * len(some)
-        np.testing.assert_allclose(p.normal[turned], mixed[turned], atol=1e-12)
         found = item.terms._evaluate(p, p.exchange.gather(u), p.every)[0]
         np.testing.assert_allclose(found, known if friction else np.sum(known * p.normal, axis=1)[:, None], atol=1e-12)
 
@@ -129,30 +115,6 @@ def test_tangent_is_the_derivative(stacked, theta, search, name, alpha):
             k = dense_item(item, vector_of(space, u))
             np.testing.assert_allclose(k, k.T, atol=1e-13 * np.abs(k).max())
         check_taylor(item, u, "coulomb" if name == "none" else name)
-
-
-@pytest.mark.parametrize("degree", [1, 2])
-@pytest.mark.parametrize("source", ["inner_outer_skin", "outer_inner_skin"])
-def test_partners_lie_on_the_weighted_normals_of_curved_surfaces(tmp_path, source, degree):
-    """Circles and polygons that do not match, a gap between them; the normal is between those of the two facets."""
-    path = rings(tmp_path / "r.msh", n=5, order=degree)
-    space = make_space(SELF, path, ["outer", "inner"], degree)
-    other = "outer_inner_skin" if source == "inner_outer_skin" else "inner_outer_skin"
-    item = pair(space, Contact(source, other, theta=0.0))
-    u = vector_of(space, -0.05 * space.component[space.owned_local, None] * space.points[space.owned_local])
-    item.detect(u, 1.0)
-    p, values = item.pairing, item.pairing.exchange.gather(u)
-    some = item.terms.traction.weighted.other != 0.0
-    assert np.count_nonzero(some) > 0.5 * len(some)
-    below = np.einsum("pm,pmd->pd", p.target_shape, (space.points[p.exchange.nodes] + values)[p.targets])
-    above = item.deformed(space.local.gather(u)) + item.origin
-    gap = item.terms.gap(p, values)[:, None] * p.normal
-    np.testing.assert_allclose((above + gap)[some], below[some], atol=1e-12)
-    if degree == 1:
-        parts, nx = item.terms.traction.weighted, item.source.normal
-        mixed = parts.own[:, None] * nx - (1.0 - parts.own)[:, None] * parts.normal
-        cosine = np.sum(mixed * p.normal, axis=1) / np.linalg.norm(mixed, axis=1)
-        assert np.all(cosine[some] > 1.0 - 1e-4) and np.any(np.sum(nx * p.normal, axis=1)[some] < 1.0 - 1e-4)
 
 
 def test_tangent_of_curved_cells_of_second_order(tmp_path):
