@@ -122,8 +122,12 @@ def test_free_blocks_push_each_other_out_of_the_floor(shared_tmp):
     # stress-free and flat on the floor, without a turn; nothing holds the upper one down, either
     np.testing.assert_allclose(found[-1, :, 0, 1], 0.0, atol=1e-9)
     np.testing.assert_allclose(found[-1, :, 2] - found[-1, :, 1], 0.0, atol=1e-9)
-    np.testing.assert_allclose(places(solved(scene(), SELF)), found, atol=SAME)
-    np.testing.assert_allclose(places(solved(scene(pc_type="lu"))), found, atol=SAME)
+    for petsc, comm in (({}, SELF), ({"pc_type": "lu"}, WORLD)):
+        other = places(solved(scene(**petsc), comm))
+        np.testing.assert_allclose(other[:2], found[:2], atol=SAME)
+        # nothing says where free blocks lie: what they slip on the way there is small beside the motion
+        np.testing.assert_allclose(other[2:], found[2:], atol=1e-4)
+        np.testing.assert_allclose(other[-1, :, 0, 1], 0.0, atol=1e-9)
 
 
 def adhesion_scene(path, contacts, petsc, E=1.0, squeeze=0.0):
