@@ -23,7 +23,7 @@ class StatusRule:
     frozen : bool
         Points that were closed at the end of the last load step are closed, and stick; all others are open.
     opened : ndarray (np,) of bool, optional
-        Points that stay open, see :meth:`Item.recede`.
+        Points that stay open, see :meth:`ActiveSet.recede`.
     closed : ndarray (np,) of bool, optional
         Points that are closed, whatever their traction; all others are open.
     """

@@ -8,7 +8,6 @@ The life of a pair: `detect` finds the partners, which stay for the load step; r
 displacement, the state committed last and the status rule; `commit` takes the state to the end of the load step.
 """
 
-
 import numpy as np
 
 from pcontact.assembly.graph import BlockRows, node_graph

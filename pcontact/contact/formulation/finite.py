@@ -64,14 +64,7 @@ class FiniteTerms:
     method : pcontact.contact.formulation.methods.Method
     traction : pcontact.contact.traction.finite.FiniteTraction or NoTraction
     law : pcontact.contact.law.Frictionless
-
-    Attributes
-    ----------
-    weighted : None
-        See `pcontact.contact.formulation.small.SmallTerms`; the cells of partners have no part in the traction.
     """
-
-    weighted = None
 
     def __init__(self, space, source, method, traction, law):
         self.space, self.source, self.method, self.traction, self.law = space, source, method, traction, law

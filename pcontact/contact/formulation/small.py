@@ -75,7 +75,7 @@ class SmallTerms:
         in the traction: weights, gamma and alpha are those of the two sides at displacements (n_local, d).
         *Collective.*
         """
-        found, weighted = self.traction.weigh(found, nodal, self._directions)
+        found, weighted = self.traction.weigh(found, nodal, self._directions), self.traction.weighted
         if weighted is not None:
             self.method.take_trace(weighted.trace)
             if weighted.shear is not None:

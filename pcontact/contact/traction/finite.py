@@ -172,13 +172,14 @@ class FiniteTraction:
 
     Attributes
     ----------
-    symmetric, consistent, nodes
+    symmetric, consistent, weighted, nodes
         See `pcontact.contact.traction.small.Traction`.
     small : SourceSurface
         The source, whose facets with finite strain have no moduli.
     """
 
     symmetric = consistent = False
+    weighted = None
     nodes = np.zeros(0, dtype=np.int64)
 
     def __init__(self, space, bulk, source, name):

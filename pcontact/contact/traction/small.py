@@ -558,9 +558,9 @@ class Traction:
         return np.zeros(0, dtype=np.int64)
 
     def weigh(self, found, nodal, m):
-        """Partners on the nodes that have a part in a traction in m directions, and the `Weighted` of both sides; that
-        of the source alone has neither. *Collective.*"""
-        return found, None
+        """Partners on the nodes that have a part in a traction in m directions, found at displacements (n_local, d);
+        `weighted` is of them from here on. *Collective.*"""
+        return found
 
     @property
     def is_linear(self):

@@ -306,7 +306,7 @@ class WeightedTraction(Traction):
     def weigh(self, found, nodal, m):
         """See :meth:`Traction.weigh`."""
         found, self.weighted, self._derivative = self._target.sides(found, self.source, nodal, m)
-        return found, self.weighted
+        return found
 
     def rows(self, axes, normal, last):
         """See :meth:`Traction.rows`."""
