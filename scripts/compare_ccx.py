@@ -25,13 +25,10 @@ from pathlib import Path
 import numpy as np
 from refine_deck import refine
 
-from pcontact.importer.deck import read_deck
-from pcontact.importer.elements import in_plane, kind_of
-from pcontact.importer.findings import Findings
+from pcontact.importer.deck import in_plane, kind_of, read_deck
 from pcontact.importer.materials import bodies, materials
-from pcontact.importer.presence import Presence
-from pcontact.importer.steps import PROCEDURES
-from pcontact.importer.write import LIST, SCENE, import_file
+from pcontact.importer.steps import PROCEDURES, Presence
+from pcontact.importer.translate import LIST, SCENE, Findings, import_file
 from pcontact.io.result import load_result
 from pcontact.runtime.errors import InputError
 from pcontact.scene import read_scene

@@ -16,9 +16,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pcontact.importer.deck import faces, read_deck
-from pcontact.importer.elements import EDGES, VERTICES, faces_of, kind_of
-from pcontact.importer.equations import read_equations
+from pcontact.importer.constraints import read_equations
+from pcontact.importer.deck import EDGES, VERTICES, faces, faces_of, kind_of, read_deck
 from pcontact.runtime.errors import InputError
 
 # reference vertices of cells

@@ -2,13 +2,12 @@
 
 from dataclasses import replace
 
-from pcontact.importer import toml
 from pcontact.mesh.hdf5_writer import write
 from pcontact.mesh.refinement.gather import gathered
 from pcontact.runtime import log
 from pcontact.runtime.files import replace_file
 from pcontact.runtime.parallel import on_root
-from pcontact.scene.writer import tables_of
+from pcontact.scene.writer import tables_of, text
 
 MESH, SCENE = "adapted.h5", "adapted.toml"
 
@@ -38,6 +37,6 @@ def keep(directory, mesh, scene, user):
             return
         head = ["The scene on its adapted mesh, with the load steps and tolerances of the best pass.",
                 f"Other loads on the same mesh: pcontact run SCENE.toml -mesh {MESH}"]  # fmt: skip
-        replace_file(directory / SCENE, toml.text(tables, head))
+        replace_file(directory / SCENE, text(tables, head))
 
     on_root(mesh.comm, files)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pcontact.importer.faces import FACING, distances, facing_faces, outward, surface_faces
+from pcontact.importer.deck import FACING, distances, facing_faces, outward, surface_faces
 
 # coefficient of friction from which nothing slips, and what stands for it: the largest that is not refused
 ROUGH, LARGEST = 100.0, 3.0

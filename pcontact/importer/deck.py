@@ -1,23 +1,284 @@
 """The model of a deck: nodes, elements, sets, surfaces, and the cards of materials, contact and steps.
 
+Nodes and elements that a deck counts out (*NGEN, *NFILL, *NCOPY, *ELGEN, *ELCOPY) are ones like all others.
+
 Names are compared without regard to capitals, as the decks' own programs do; they keep the spelling of their first
 occurrence.
 """
 
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
-from pcontact.importer.assembly import flat
-from pcontact.importer.cards import Card, read_cards
-from pcontact.importer.elements import RIGID, VERTICES, face_nodes, faces_of, kind_of
-from pcontact.importer.generate import elcopy, elgen, ncopy, nfill, ngen
-from pcontact.importer.systems import rectangular
+import numpy as np
+
+from pcontact.importer.cards import Card, Motion, flat, read_cards, rectangular, turned
 from pcontact.runtime.errors import InputError
 
+# faces of Abaqus and CalculiX, by the number of vertices and the dimension; vertices from 0
+FACES = {
+    (2, 3): ((0, 1), (1, 2), (2, 0)),
+    (2, 4): ((0, 1), (1, 2), (2, 3), (3, 0)),
+    (3, 4): ((0, 1, 2), (0, 3, 1), (1, 3, 2), (2, 3, 0)),
+    (3, 5): ((0, 1, 2, 3), (0, 4, 1), (1, 4, 2), (2, 4, 3), (3, 4, 0)),
+    (3, 6): ((0, 1, 2), (3, 5, 4), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5)),
+    (3, 8): ((0, 1, 2, 3), (4, 7, 6, 5), (0, 4, 5, 1), (1, 5, 6, 2), (2, 6, 7, 3), (3, 7, 4, 0)),
+}
+# meshio's names by dimension and number of nodes; node orders are the same
+_NAMES = {
+    (2, 3): "triangle", (2, 6): "triangle6", (2, 4): "quad", (2, 8): "quad8",
+    (3, 4): "tetra", (3, 10): "tetra10", (3, 6): "wedge", (3, 15): "wedge15", (3, 8): "hexahedron",
+    (3, 20): "hexahedron20", (3, 5): "pyramid",
+}  # fmt: skip
+# vertices of cells by meshio's names
+VERTICES = {"triangle": 3, "triangle6": 3, "quad": 4, "quad8": 4, "tetra": 4, "tetra10": 4, "pyramid": 5, "wedge": 6,
+            "wedge15": 6, "hexahedron": 8, "hexahedron20": 8}  # fmt: skip
+# edges of cells with nodes in their middles, in the order of these
+EDGES = {
+    "triangle6": ((0, 1), (1, 2), (2, 0)),
+    "quad8": ((0, 1), (1, 2), (2, 3), (3, 0)),
+    "tetra10": ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)),
+    "hexahedron20": ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)),
+    "wedge15": ((0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5)),
+}
+# cells that have reduced integration, and all without nodes in the middles of their faces
+REDUCED = ("quad8", "hexahedron20")
+SERENDIPITY = (*REDUCED, "wedge15")
+_TYPE = re.compile(r"(C3D|CPE|CPS|CAX)(\d+)([A-Z]*)")
+# nodes of elements that are no cells of a solid
+_OTHERS = {"S3": 3, "S6": 6, "S4": 4, "S4R": 4, "S8": 8, "S8R": 8, "M3D3": 3, "M3D4": 4, "M3D4R": 4, "M3D6": 6,
+           "M3D8": 8, "M3D8R": 8, "B31": 2, "B31R": 2, "B32": 3, "B32R": 3, "T3D2": 2, "T2D2": 2, "T3D3": 3,
+           "SPRINGA": 2, "SPRING1": 1, "SPRING2": 2, "DASHPOTA": 2, "GAPUNI": 2, "MASS": 1, "DCOUP3D": 1, "R3D4": 4,
+           "R3D3": 3, "R2D2": 2, "RAX2": 2, "SFM3D4": 4, "F3D4": 4}  # fmt: skip
+# elements of rigid surfaces
+RIGID = ("R3D3", "R3D4", "R2D2", "RAX2")
+KINEMATICS = {"CPE": "plane_strain", "CPS": "plane_stress", "CAX": "axisymmetric"}
+_REMARKS = {
+    "R": "all its quadrature points in place of reduced integration",
+    "I": "no incompatible modes",
+    "H": "no pressure of its own; mean dilatation where nu is near 0.5",
+    "RH": "all its quadrature points in place of reduced integration, no pressure of its own",
+    "M": "as it is without M",
+    "T": "no temperature of its own",
+}
+# numbers of a line of *ELGEN: one element, and three rows of count and increments
+_ELGEN = 10
 # largest number that a generated set may count to
 _MOST = 100_000_000
 # words of a generated set without its step
 _ENDS = 2
+# cosine of the angle from which faces face each other
+FACING = 0.5
+# nodes of a line
+_LINE = 2
+
+
+class Kind(NamedTuple):
+    """A type of elements.
+
+    Attributes
+    ----------
+    n_nodes : int or None
+        None: not known.
+    dim : int
+        2 or 3; 0: no cell of a solid.
+    cell : str or None
+        Meshio's name.
+    family : str
+        C3D, CPE, CPS, CAX; "" for others.
+    remark : str
+        What the cells do not have of the element; "": nothing.
+    reduced : bool
+        Whether it has the reduced integration of the program's cells of 8 and 20 nodes.
+    """
+
+    n_nodes: int | None
+    dim: int
+    cell: str | None
+    family: str
+    remark: str
+    reduced: bool = False
+
+
+def kind_of(word):
+    """The type of elements that a deck names."""
+    found = _TYPE.fullmatch(word)
+    if found is None:
+        return Kind(_OTHERS.get(word), 0, None, "", "")
+    family, count, letters = found.group(1), int(found.group(2)), found.group(3)
+    dim = 3 if family == "C3D" else 2
+    cell = _NAMES.get((dim, count))
+    reduced = cell in REDUCED and family != "CAX" and letters in ("R", "RH")
+    letters = letters.removeprefix("R") if reduced else letters
+    return Kind(count, dim, cell, family, _REMARKS.get(letters, letters), reduced)
+
+
+def in_plane(cell):
+    """Whether a cell is one of the plane."""
+    return cell.startswith(("tri", "quad"))
+
+
+def faces_of(cell):
+    """Vertices of the faces of a cell, in the deck's numbering from S1 on."""
+    dim = 2 if in_plane(cell) else 3
+    return FACES[dim, VERTICES[cell]]
+
+
+def face_nodes(cell, face):
+    """Local numbers of all nodes of a face, those in the middles of edges too."""
+    corners = faces_of(cell)[face]
+    inside = set(corners)
+    middles = [VERTICES[cell] + k for k, edge in enumerate(EDGES.get(cell, ())) if set(edge) <= inside]
+    return [*corners, *middles]
+
+
+def _places(deck, card, nodes):
+    unknown = [n for n in nodes if n not in deck.nodes]
+    if unknown:
+        raise card.refuse(f"node {unknown[0]}", "nodes that stand before it")
+    return np.array([deck.nodes[n] for n in nodes])
+
+
+def ngen(deck, card):
+    """Nodes on a line, or with LINE=C on an arc, between two nodes; their numbers.
+
+    Raises
+    ------
+    InputError
+        Ends that are no nodes, or numbers that do not fit.
+    """
+    made = []
+    for place, words in card.rows:
+        numbers = [card.integer(place, word) for word in words[:3] if word]
+        first, last, step = (*numbers, 1)[:3] if len(numbers) >= _ENDS else (0, 0, 0)
+        if step == 0 or (last - first) % step or (last - first) // step < 1:
+            raise card.refuse(", ".join(words), "first node, last node, increment", place)
+        ends, between = _places(deck, card, (first, last)), range(first, last + np.sign(step), step)
+        parts = np.linspace(0.0, 1.0, len(between))
+        if card.word("LINE", "L") == "L":
+            points = ends[0] + parts[:, None] * (ends[1] - ends[0])
+        elif card.word("LINE") == "C":
+            points = _on_arc(deck, card, place, words, (ends, parts))
+        else:
+            raise card.refuse(f"LINE={card.get('LINE')}", "lines and arcs: LINE=C", place)
+        for number, x in zip(between, points, strict=True):
+            deck.nodes.setdefault(number, x.tolist())
+        made += between
+    return made
+
+
+def _on_arc(deck, card, place, words, line):
+    """Points of an arc about a centre, a node or a place; seven numbers and more: with the normal of its plane."""
+    ends, parts = line
+    more = words[3:]
+    if more and more[0]:
+        centre = _places(deck, card, [card.integer(place, more[0])])[0]
+    else:
+        centre = np.array((card.numbers(place, more[1:4]) + [0.0] * 3)[:3])
+    normal = np.array((card.numbers(place, more[4:7]) + [0.0] * 3)[:3])
+    a, b = ends - centre
+    if not np.any(normal):
+        normal = np.cross(a, b)
+    if not np.any(normal):
+        raise card.refuse("an arc of half a circle", "the normal of its plane after the centre", place)
+    normal /= np.linalg.norm(normal)
+    angle = np.arctan2(np.cross(a, b) @ normal, a @ b) % (2.0 * np.pi)
+    size = np.linalg.norm(a) + parts * (np.linalg.norm(b) - np.linalg.norm(a))
+    first = a / np.linalg.norm(a)
+    second = np.cross(normal, first)
+    turns = parts * angle
+    return centre + size[:, None] * (np.cos(turns)[:, None] * first + np.sin(turns)[:, None] * second)
+
+
+def nfill(deck, card):
+    """Nodes between those of two sets, with the numbers of the first and an increment.
+
+    Raises
+    ------
+    InputError
+        Sets of different sizes.
+    """
+    made, bias = [], card.number(card.place, card.get("BIAS", "1")) or 1.0
+    for place, words in card.rows:
+        low, high = (deck.nodes_of(card, place, word) for word in words[:2])
+        count, step = (card.integer(place, word or "1") for word in (*words[2:4], "1", "1")[:2])
+        if len(low) != len(high) or count < 1:
+            raise card.refuse(f"sets of {len(low)} and {len(high)} nodes", "two sets of one size, and a count", place)
+        sizes = bias ** -np.arange(count, dtype=float)
+        parts = np.concatenate([[0.0], np.cumsum(sizes) / sizes.sum()])
+        for a, b in zip(low, high, strict=True):
+            ends = _places(deck, card, (a, b))
+            for k in range(1, count):
+                deck.nodes.setdefault(a + k * step, (ends[0] + parts[k] * (ends[1] - ends[0])).tolist())
+            made += range(a, a + count * step, step)
+        made += high
+    return made
+
+
+def ncopy(deck, card):
+    """Copies of nodes that are shifted, or turned about a line.
+
+    Raises
+    ------
+    InputError
+        Other copies.
+    """
+    old = deck.nodes_of(card, card.place, card.need("OLDSET"))
+    change = card.integer(card.place, card.need("CHANGENUMBER"))
+    if "SHIFT" not in card.parameters or not card.rows:
+        raise card.refuse(", ".join(card.parameters), "SHIFT, with a translation and a turn")
+    shift = (card.numbers(*card.rows[0]) + [0.0] * 3)[:3]
+    turn = (card.numbers(*card.rows[1]) + [0.0] * 7)[:7] if len(card.rows) > 1 else [0.0] * 7
+    motion, made = turned(card, card.rows[1][0], shift, turn) if turn[6] else Motion(shift), []
+    for node in old:
+        deck.nodes[node + change] = motion.point(deck.nodes[node]).tolist()
+        made.append(node + change)
+    return made
+
+
+def elgen(deck, card):
+    """Copies of elements in rows, layers and stacks; their numbers.
+
+    Raises
+    ------
+    InputError
+        An element or a node that the deck does not have.
+    """
+    made = []
+    for place, words in card.rows:
+        numbers = [card.integer(place, word or "1") for word in words]
+        numbers += [1] * (_ELGEN - len(numbers))
+        first, rows = numbers[0], np.array(numbers[1:_ELGEN]).reshape(3, 3)
+        if first not in deck.elements:
+            raise card.refuse(f"element {first}", "an element that stands before it", place)
+        for k in range(rows[2, 0]):
+            for j in range(rows[1, 0]):
+                for i in range(rows[0, 0]):
+                    steps = np.array([i, j, k])
+                    number = first + int(steps @ rows[:, 2])
+                    _copy(deck, card, (first, number), int(steps @ rows[:, 1]))
+                    made.append(number)
+    return made
+
+
+def elcopy(deck, card):
+    """Copies of a set of elements whose numbers and nodes are shifted."""
+    change, nodes = (card.integer(card.place, card.need(name)) for name in ("ELEMENTSHIFT", "SHIFTNODES"))
+    old = deck.elements_of(card, card.place, card.need("OLDSET"))
+    for element in old:
+        _copy(deck, card, (element, element + change), nodes)
+    return [element + change for element in old]
+
+
+def _copy(deck, card, pair, shift):
+    """An element with the nodes of another one, shifted."""
+    kind, nodes = deck.elements[pair[0]]
+    moved = [n + shift for n in nodes]
+    _places(deck, card, moved)
+    deck.elements[pair[1]] = kind, moved
+    if pair[0] in deck.reduced:
+        deck.reduced.add(pair[1])
 
 
 @dataclass
@@ -375,3 +636,70 @@ _GENERATED = {"NGEN": (ngen, "NSET", "node_sets"), "NFILL": (nfill, "NSET", "nod
               "ELCOPY": (elcopy, "NEWSET", "element_sets")}  # fmt: skip
 _READ = {"NODE": _node, "ELEMENT": _element, "NSET": _set, "ELSET": _set, "SURFACE": _surface,
          **dict.fromkeys(_GENERATED, _made)}  # fmt: skip
+
+
+def surface_faces(deck, surface):
+    """Faces of a surface; of one of nodes alone, the free faces whose nodes are all in it."""
+    if surface.faces or not surface.nodes:
+        return surface.faces
+    inside = set(surface.nodes)
+    return [row for row in deck.free_faces() if inside.issuperset(deck.corners(*row))]
+
+
+def facing_faces(deck, nodes, others):
+    """Free faces with one of some nodes, and of these those that face the other faces, on the whole."""
+    against = np.mean([outward(deck, row) for row in others], axis=0)
+    inside = set(nodes)
+    found = [row for row in deck.free_faces() if inside & set(deck.corners(*row))]
+    return [row for row in found if outward(deck, row) @ against < -FACING]
+
+
+def outward(deck, row):
+    """Unit normal (3,) of a face (element, local face), out of its element."""
+    points = np.array([deck.nodes[n] for n in deck.corners(*row)])
+    ends = points[1] - points[0]
+    normal = np.array([ends[1], -ends[0], 0.0]) if len(points) == _LINE else np.cross(ends, points[-1] - points[0])
+    centre = np.mean([deck.nodes[n] for n in deck.elements[row[0]][1]], axis=0)
+    normal *= np.sign(normal @ (points.mean(axis=0) - centre))
+    size = np.linalg.norm(normal)
+    return normal / size if size > 0.0 else normal
+
+
+def distances(deck, nodes, faces):
+    """Distances of nodes from the nearest point of faces, (n,), whose edges are straight.
+
+    Parameters
+    ----------
+    deck : Deck
+    nodes : list of int
+    faces : list of (int, int)
+
+    Returns
+    -------
+    list of float
+    """
+    fans = []
+    for row in faces:
+        corners = np.array([deck.nodes[n] for n in deck.corners(*row)])
+        # a line is a triangle whose last two vertices are the same
+        fans += [corners[[0, k, min(k + 1, len(corners) - 1)]] for k in range(1, max(_LINE, len(corners) - 1))]
+    fans = np.array(fans)
+    return [float(_away(np.array(deck.nodes[node]), fans).min()) for node in nodes]
+
+
+def _away(point, triangles):
+    """Distances (n,) of a point (3,) from triangles (n, 3, 3)."""
+    best = np.full(len(triangles), np.inf)
+    for k in range(3):
+        a, edge = triangles[:, k], triangles[:, (k + 1) % 3] - triangles[:, k]
+        size = np.einsum("ni,ni->n", edge, edge)
+        along = np.einsum("ni,ni->n", point - a, edge) / np.where(size > 0.0, size, 1.0)
+        best = np.minimum(best, np.linalg.norm(point - a - np.clip(along, 0.0, 1.0)[:, None] * edge, axis=1))
+    normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    inside = np.linalg.norm(normal, axis=1) > 0.0
+    for k in range(3):
+        edge = triangles[:, (k + 1) % 3] - triangles[:, k]
+        inside &= np.einsum("ni,ni->n", np.cross(edge, point - triangles[:, k]), normal) >= 0.0
+    height = np.einsum("ni,ni->n", point - triangles[inside, 0], normal[inside])
+    best[inside] = np.abs(height) / np.linalg.norm(normal[inside], axis=1)
+    return best

@@ -1,26 +1,33 @@
-"""From a deck to a scene: tables, groups, and what became of every card."""
+"""``pcontact import``: from a deck to a scene with its mesh, and what became of every card."""
 
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
+from pcontact.importer.constraints import Cyclic, Pretensions, References, equated, equations
 from pcontact.importer.contacts import Contacts, name_of
-from pcontact.importer.deck import read_deck
-from pcontact.importer.elements import EDGES, in_plane
-from pcontact.importer.equations import Cyclic, equated, equations
-from pcontact.importer.findings import Findings
-from pcontact.importer.groups import Groups
+from pcontact.importer.deck import EDGES, in_plane, read_deck
+from pcontact.importer.groups import Groups, counted, write_mesh
 from pcontact.importer.history import factors
 from pcontact.importer.materials import bodies, integration_of, materials, order_of, straighten
-from pcontact.importer.presence import Presence
-from pcontact.importer.pretensions import Pretensions
-from pcontact.importer.references import References
-from pcontact.importer.steps import OUTPUT, read_steps
+from pcontact.importer.steps import OUTPUT, Presence, read_steps
 from pcontact.importer.supports import Supports
-from pcontact.importer.toml import key as toml_key
 from pcontact.importer.tools import ANALYTICAL, Tools
+from pcontact.runtime import log
 from pcontact.runtime.errors import InputError
+from pcontact.runtime.files import make_directory, replace_file
+from pcontact.scene.reader import read_scene
+from pcontact.scene.writer import text, toml_key
 
+TAKEN, CHANGED, LEFT_OUT, NO_EFFECT = "taken", "changed", "left out", "without effect"
+# in the order of their weight, with what they mean
+KINDS = {
+    LEFT_OUT: "not in the scene: its answer is that of another problem",
+    CHANGED: "in the scene, in another way",
+    TAKEN: "in the scene",
+    NO_EFFECT: "has no influence on the answer",
+}
 # thermal strain up to which small strain stands for any: its square is what it leaves out
 SMALL = 0.01
 # cards that the mesh consists of, with parameters that they have beside those of sets
@@ -32,6 +39,77 @@ STRUCTURE = {
 }  # fmt: skip
 # part of the range by which temperatures may be off a linear function of the place
 _LINEAR = 1e-9
+SCENE, MESH, LIST = "scene.toml", "mesh.msh", "import.txt"
+DECKS = (".inp",)
+
+
+@dataclass
+class Findings:
+    """Findings, by the line of the deck.
+
+    Attributes
+    ----------
+    rows : list of (str, Place, str, str)
+        Kind, line, what stands there, what was made of it, or why not.
+    """
+
+    rows: list = field(default_factory=list)
+
+    def add(self, kind, card, words="", place=None):
+        """Say what became of a card, or of a line of it."""
+        row = (kind, place or card.place, card.title, words)
+        if row not in self.rows:
+            self.rows.append(row)
+
+    def take(self, card, words="", place=None):
+        """It is in the scene as it stands in the deck."""
+        self.add(TAKEN, card, words, place)
+
+    def change(self, card, words, place=None):
+        """It is in the scene in another way."""
+        self.add(CHANGED, card, words, place)
+
+    def leave(self, card, words, place=None):
+        """It is not in the scene."""
+        self.add(LEFT_OUT, card, words, place)
+
+    def skip(self, card, words="", place=None):
+        """It has no influence on the answer."""
+        self.add(NO_EFFECT, card, words, place)
+
+    def know(self, card, *names):
+        """Parameters of a card that are understood; each other one is left out."""
+        for name, value in card.parameters.items():
+            if name not in names:
+                self.leave(card, f"{name}={value}" if value else name)
+
+    def unsaid(self, cards):
+        """Cards of which nothing has been said: nothing is dropped without a word."""
+        said = {(row[1], row[2]) for row in self.rows}
+        titles = {row[1] for row in self.rows}
+        for card in cards:
+            places = {place for place, _ in card.rows} | {card.place}
+            if (card.place, card.title) not in said and not places & titles:
+                self.leave(card, "not known")
+
+    @property
+    def complete(self):
+        """bool : whether nothing was left out."""
+        return not self.of(LEFT_OUT)
+
+    def of(self, kind):
+        """Rows of a kind, by line."""
+        return sorted((row for row in self.rows if row[0] == kind), key=lambda row: row[1])
+
+    def lines(self, kinds=tuple(KINDS)):
+        """The list in words, heaviest first."""
+        words = []
+        for kind in kinds:
+            rows = self.of(kind)
+            if rows:
+                words += [f"{kind} ({KINDS[kind]}):"]
+                words += [f"  {place}: {title}" + (f": {text}" if text else "") for _, place, title, text in rows]
+        return words
 
 
 @dataclass
@@ -44,7 +122,7 @@ class Translated:
     findings : Findings
     groups : Groups
     tables : list of (str, dict, str)
-        See `pcontact.importer.toml.text`.
+        See `pcontact.importer.translate.text`.
     tools : list of pcontact.importer.tools.Tool
         Rigid surfaces.
     """
@@ -279,3 +357,49 @@ def _temperature(deck, keys, end):
         return None
     terms = [f"{c!r}*{axis}" for c, axis in zip(solved[1:].tolist(), "xyz", strict=True) if abs(c) > 0.0]
     return {"value": " + ".join([repr(start + float(solved[0])), *terms]), **more}
+
+
+def import_file(path, directory=None):
+    """Make a scene and its mesh of a deck. Serial.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+    directory : str or pathlib.Path, optional
+        Where `scene.toml`, `mesh.msh` and `import.txt` go; absent: a directory with the name of the file.
+
+    Returns
+    -------
+    int
+        Exit status: 0, or 1 where something of the deck was left out.
+
+    Raises
+    ------
+    InputError
+        The deck cannot be read.
+    OutputError
+    """
+    path = Path(path)
+    if path.suffix.lower() not in DECKS:
+        raise InputError(f"{path}: found {path.suffix!r} as the type of the file; allowed: {', '.join(DECKS)}")
+    directory = path.with_suffix("") if directory is None else Path(directory)
+    done = translate(path, MESH)
+    findings = done.findings
+    make_directory(directory)
+    write_mesh(directory / MESH, done.deck, done.groups)
+    for tool in done.tools:
+        tool.write(directory)
+    scene = directory / SCENE
+    head = [f"From {path.name} by pcontact import; {LIST} says what became of every line."]
+    if not findings.complete:
+        head += ["Not all of the deck is here:"]
+        head += [f"  {place}: {title}: {words}" for _, place, title, words in findings.of(LEFT_OUT)]
+    replace_file(scene, text(done.tables, head))
+    replace_file(directory / LIST, "\n".join([f"{path}", "", *findings.lines(), ""]))
+    read_scene(scene)
+    for line in findings.lines((LEFT_OUT, CHANGED)):
+        log.info("%s", line)
+    counts = ", ".join(f"{len(findings.of(kind))} {kind}" for kind in (TAKEN, NO_EFFECT, CHANGED, LEFT_OUT))
+    mesh = counted(done.deck, done.groups)
+    log.info("wrote %s, %s (%s), %s: %s", scene, directory / MESH, mesh, directory / LIST, counts)
+    return 0 if findings.complete else 1

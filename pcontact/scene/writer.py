@@ -1,5 +1,6 @@
-"""From a scene to the tables of its file."""
+"""From a scene to its file: tables, and their text."""
 
+import math
 import os
 from collections.abc import Mapping
 from dataclasses import MISSING, fields
@@ -15,7 +16,7 @@ FILES, FUNCTIONS = ("file", "geometry"), ("function", "gradient")
 
 
 def tables_of(scene: Scene, folder: str | Path) -> list[tuple[str, dict, str]]:
-    """Tables of a scene file, for :func:`pcontact.importer.toml.text`: keys that are not at their defaults.
+    """Tables of a scene file, for :func:`text`: keys that are not at their defaults.
 
     Parameters
     ----------
@@ -71,3 +72,47 @@ def _moved(scene, folder, key, value):
     if not isinstance(value, str | Path):
         raise TypeError(f"{key} has no text")
     return os.path.relpath(scene.folder / name, folder) + colon + function
+
+
+def _toml(one):
+    """A value as TOML has it."""
+    if isinstance(one, bool):
+        return "true" if one else "false"
+    if isinstance(one, str):
+        escaped = one.replace("\\", "\\\\").replace('"', '\\"')
+        return '"' + "".join(c if c.isprintable() else " " for c in escaped) + '"'
+    if isinstance(one, dict):
+        return "{ " + ", ".join(f"{toml_key(name)} = {_toml(part)}" for name, part in one.items()) + " }"
+    if isinstance(one, (list, tuple)):
+        return f"[{', '.join(map(_toml, one))}]"
+    if isinstance(one, float):
+        return repr(one) if math.isfinite(one) else "inf"
+    return str(one)
+
+
+def toml_key(name):
+    """A key, in quotes where it needs them."""
+    return name if name and all(c.isascii() and (c.isalnum() or c in "_-") for c in name) else _toml(name)
+
+
+def text(tables, head=()):
+    """A file from its tables.
+
+    Parameters
+    ----------
+    tables : list of (str, dict, str)
+        Header such as "[mesh]", or "" for the keys before any; keys and values; a comment or "".
+    head : sequence of str
+        Lines of the comment at the beginning.
+
+    Returns
+    -------
+    str
+    """
+    lines = [f"# {line}".rstrip() for line in head]
+    for header, table, comment in tables:
+        lines += [""] * bool(lines)
+        if header:
+            lines.append(header + (f"    # {comment}" if comment else ""))
+        lines += [f"{toml_key(name)} = {_toml(one)}" for name, one in table.items()]
+    return "\n".join([*lines, ""])

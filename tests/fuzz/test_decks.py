@@ -4,7 +4,7 @@ import random
 
 import pytest
 
-from pcontact.importer.write import import_file
+from pcontact.importer.translate import import_file
 from pcontact.runtime.errors import InputError
 from tests.support.decks import BLOCKS, PAIR, STEEL, bricks
 

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from pcontact.importer.cards import read_cards
+from pcontact.importer.cards import read_cards, rectangular
 from pcontact.importer.deck import read_deck
-from pcontact.importer.systems import rectangular
 from pcontact.mesh.reader import read_file
 from pcontact.runtime.errors import InputError
 from tests.support.decks import BLOCKS, PAIR, STEEL, bricks, imported, solved

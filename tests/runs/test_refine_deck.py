@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pcontact.importer.deck import read_deck
-from pcontact.importer.elements import EDGES, VERTICES
+from pcontact.importer.deck import EDGES, VERTICES, read_deck
 from pcontact.runtime.errors import InputError
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "scripts"))

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pcontact.importer.write import import_file
+from pcontact.importer.translate import import_file
 from pcontact.runtime.petsc import MPI
 from pcontact.scene import read_scene
 from pcontact.simulation import Simulation

@@ -5,9 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from pcontact.importer.toml import text
 from pcontact.scene import read_scene
-from pcontact.scene.writer import tables_of
+from pcontact.scene.writer import tables_of, text
 
 EXAMPLES = sorted(Path(__file__).parents[3].glob("drivers/examples/*.toml"))
 

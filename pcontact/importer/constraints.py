@@ -1,18 +1,255 @@
-"""Groups that hang on a reference node (*RIGID BODY, *COUPLING and their older forms) as tables of a scene."""
+"""What a deck ties together, as tables of a scene: equations, cyclic symmetry, sections of bolts (*PRE-TENSION SECTION)
+and groups that hang on a reference node (*RIGID BODY, *COUPLING and their older forms).
+"""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from pcontact.importer.elements import RIGID as ELEMENTS
-from pcontact.importer.faces import surface_faces
+from pcontact.importer.deck import RIGID as ELEMENTS
+from pcontact.importer.deck import outward, surface_faces
 from pcontact.importer.history import factors
+from pcontact.space.turn import Turn
 
+# numbers of a term: node, degree of freedom, coefficient
+_TERM = 3
+# [extents of the surface] How far nodes may be from their partners where the deck does not say it
+_NEAR = 1e-3
+# degree of freedom of the reference node along the normal
+ALONG = 0
 RIGID, MEAN, TOOL = "rigid", "mean", "tool"
 # degrees of freedom of a node with rotations; translations come first
 ALL, MOVES = tuple(range(6)), 3
 # the rotation in the plane
 _IN_PLANE = 5
+
+
+def equations(deck, findings, groups, supports, dim):
+    """Tables [[equations]], with the card that each comes from.
+
+    Parameters
+    ----------
+    deck : Deck
+    findings : Findings
+    groups : pcontact.importer.groups.Groups
+    supports : pcontact.importer.supports.Supports
+    dim : int
+
+    Returns
+    -------
+    list of (dict, Card)
+    """
+    tables = []
+    for card in [*deck.model, *(card for step in deck.steps for card in step.cards)]:
+        if card.key != "EQUATION":
+            continue
+        findings.know(card, "INPUT", "REMOVE")
+        if card.parameters:
+            findings.leave(card, "allowed: the terms of equations, without parameters")
+            continue
+        findings.take(card)
+        for place, terms in read_equations(card):
+            for row in _one_by_one(deck, card, place, terms):
+                table = _table(findings, card, place, row, (groups, supports, dim))
+                tables += [] if table is None else [(table, card)]
+    return tables
+
+
+def read_equations(card):
+    """Terms [(node or set, degree of freedom, coefficient)] of every equation of a card, with its place."""
+    rows = iter([(place, [w for w in words if w]) for place, words in card.rows])
+    for place, words in rows:
+        if len(words) != 1 or not words[0].isdigit():
+            raise card.refuse(", ".join(words), "the number of terms in a line of its own", place)
+        wanted, held = _TERM * int(words[0]), []
+        while len(held) < wanted:
+            where, more = next(rows, (place, None))
+            if more is None:
+                raise card.refuse(f"{len(held) // _TERM} terms", f"{wanted // _TERM} terms", place)
+            held += more
+        if len(held) != wanted:
+            raise card.refuse(f"{len(held)} numbers", f"{wanted}, three for each term", where)
+        yield place, [(node, card.integer(place, dof), card.number(place, factor))
+                      for node, dof, factor in zip(held[::3], held[1::3], held[2::3], strict=True)]  # fmt: skip
+
+
+def equated(deck):
+    """Nodes of all equations of a deck."""
+    found = set()
+    for card in [*deck.model, *(card for step in deck.steps for card in step.cards)]:
+        if card.key == "EQUATION" and not card.parameters:
+            found |= {node for place, terms in read_equations(card) for word, *_ in terms
+                      for node in deck.nodes_of(card, place, word)}  # fmt: skip
+    return found
+
+
+def _one_by_one(deck, card, place, terms):
+    """An equation of sets of nodes as equations of their nodes."""
+    nodes = [deck.nodes_of(card, place, word) for word, _, _ in terms]
+    count = max(map(len, nodes), default=0)
+    if count == 0 or any(len(members) not in (1, count) for members in nodes):
+        raise card.refuse("sets of different sizes, or of none", "nodes, or sets of one size", place)
+    for k in range(count):
+        yield [(members[k if len(members) > 1 else 0], dof, factor)
+               for members, (_, dof, factor) in zip(nodes, terms, strict=True)]  # fmt: skip
+
+
+def _table(findings, card, place, terms, scene):
+    groups, supports, dim = scene
+    lost = [node for node, dof, _ in terms if node not in supports.nodes or not 1 <= dof <= dim]
+    if lost:
+        findings.leave(card, f"node {lost[0]}, of no cell, or a degree of freedom beyond {dim}", place)
+        return None
+    if any(supports.frames.axes(node) is not None for node, *_ in terms):
+        findings.leave(card, "nodes with local axes", place)
+        return None
+    named = [[groups.add("nodes", f"node_{node}", [node]), "xyz"[dof - 1], factor] for node, dof, factor in terms]
+    return {"terms": [term for term in named if term[2] != 0.0]}
+
+
+class Cyclic:
+    """Parts of a deck that repeat about an axis (*TIE, CYCLIC SYMMETRY with *CYCLIC SYMMETRY MODEL)."""
+
+    def __init__(self, deck, findings, groups):
+        self.deck, self.findings, self.groups = deck, findings, groups
+        self.models = {card.need("TIE").upper(): card for card in deck.model if card.key == "CYCLICSYMMETRYMODEL"
+                       and card.get("TIE")}  # fmt: skip
+
+    def tables(self):
+        """Tables [[periodic]], with the card that each comes from."""
+        found = []
+        for card in self.deck.model:
+            if card.key != "TIE" or "CYCLICSYMMETRY" not in card.parameters:
+                continue
+            model = self.models.get(card.need("NAME").upper())
+            if model is None:
+                self.findings.leave(card, "cyclic symmetry without its *CYCLIC SYMMETRY MODEL")
+                continue
+            self.findings.know(model, "N", "NGRAPH", "TIE", "ELSET")
+            for place, words in card.rows:
+                table = self._table(card, model, place, words)
+                found += [] if table is None else [(table, card)]
+        return found
+
+    def _nodes(self, card, place, word):
+        surface = self.deck.surface_of(card, place, word)
+        nodes = surface.nodes or [n for row in surface_faces(self.deck, surface) for n in self.deck.face_nodes(*row)]
+        self.findings.take(surface.card)
+        return list(dict.fromkeys(nodes)), surface.name
+
+    def _table(self, card, model, place, words):
+        (dependent, name), (leading, other) = (self._nodes(card, place, word) for word in words[:2])
+        first, second = np.array(model.numbers(*model.rows[0])[:6]).reshape(2, 3)
+        axis = (second - first) / np.linalg.norm(second - first)
+        count = model.number(model.place, model.need("N"))
+        own, others = (np.array([self.deck.nodes[n] for n in nodes]) for nodes in (dependent, leading))
+        value = card.number(place, card.get("POSITIONTOLERANCE", ""))
+        within = value if value > 0.0 else _NEAR * float(np.ptp(own, axis=0).max())
+        for angle in (360.0 / count, -360.0 / count):
+            if _off(own, others, (first, axis), angle) <= within:
+                self.findings.take(card, f"{name} as {other}, turned by {angle:g} degrees", place)
+                self.findings.take(model)
+                return {
+                    "region": self.groups.add("nodes", name, dependent),
+                    "partner": self.groups.add("nodes", other, leading),
+                    "angle": angle, "point": first.tolist(), "axis": axis.tolist(), "within": within,
+                }  # fmt: skip
+        self.findings.leave(card, f"cyclic symmetry of nodes that are no pairs within {within:.3g}", place)
+        return None
+
+
+def _off(points, others, line, angle):
+    """Largest distance of points (n, 3) from the nearest of others, turned about a line by degrees."""
+    origin, axis = line
+    turned = others + Turn(origin, axis, np.radians(angle)).displacement(others, 1.0)
+    return max(float(np.linalg.norm(turned - point, axis=1).min()) for point in points)
+
+
+class Pretensions:
+    """Sections, with the reference nodes whose forces and displacements are those along their normals.
+
+    Parameters
+    ----------
+    deck : Deck
+    findings : Findings
+    groups : pcontact.importer.groups.Groups
+    """
+
+    def __init__(self, deck, findings, groups):
+        self.deck, self.findings, self.groups = deck, findings, groups
+        self.sections = {}
+        for card in deck.model:
+            if card.key == "PRE-TENSIONSECTION":
+                self._read(card)
+
+    def _read(self, card):
+        self.findings.know(card, "SURFACE", "NODE")
+        if not card.get("SURFACE"):
+            self.findings.leave(card, "allowed: a section across a surface")
+            return
+        surface = self.deck.surface_of(card, card.place, card.need("SURFACE"))
+        node = card.integer(card.place, card.need("NODE"))
+        if node not in self.deck.nodes:
+            raise card.refuse(f"node {node}, which the deck does not have", "a node of the deck")
+        if not surface.faces:
+            self.findings.leave(card, f"surface {surface.name} has no facets of solids")
+            return
+        self.sections[node] = card, surface
+        self.findings.take(surface.card)
+
+    @property
+    def nodes(self):
+        """Reference nodes."""
+        return set(self.sections)
+
+    def _sign(self, card, surface):
+        """1 where the normal of the deck points out of the elements whose faces these are, else -1.
+
+        A force along it then draws both sides together; without one the normal is that of the surface.
+        """
+        if not card.rows or not any(card.rows[0][1]):
+            return 1.0
+        normal = np.array((card.numbers(*card.rows[0]) + [0.0] * 3)[:3])
+        return 1.0 if normal @ np.mean([outward(self.deck, row) for row in surface.faces], axis=0) > 0.0 else -1.0
+
+    def tables(self, supports, end, phases=()):
+        """Tables [[pretensions]], with the card that each comes from.
+
+        Parameters
+        ----------
+        supports : pcontact.importer.supports.Supports
+        end : float
+            Of the run; infinite where every table is to say its amplitude.
+        phases : sequence of str
+            Names of the phases, a step each.
+
+        Returns
+        -------
+        list of (dict, Card)
+        """
+        found = []
+        for node, (card, surface) in self.sections.items():
+            kinds = {"force": supports.forces, "shortening": supports.held}
+            histories = {key: of.histories.pop((node, ALONG), None) for key, of in kinds.items()}
+            said = {key: one for key, one in histories.items() if one is not None and one.most != 0.0}
+            supports.card_of.pop((node, ALONG), None)
+            steps = supports.active.pop((node, ALONG), None)
+            if len(said) > 1 or (steps is not None and phases and len(steps) != len(phases)):
+                self.findings.leave(card, "a section that a force draws in one step, and a length in another")
+                continue
+            if not said and histories["shortening"] is None:
+                self.findings.leave(card, "a section that nothing draws: its sides part freely")
+                continue
+            key, history = next(iter(said.items()), ("shortening", None))
+            most = 0.0 if history is None else history.most
+            one = {"region": self.groups.add("facets", surface.name, surface.faces)}
+            one[key] = self._sign(card, surface) * most
+            table = None if history is None else factors(history.key(), most, end)
+            if table is not None:
+                one["amplitude"] = [list(row) for row in table]
+            self.findings.take(card)
+            found.append((one, card))
+        return found
 
 
 @dataclass(eq=False)
