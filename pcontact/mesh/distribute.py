@@ -207,6 +207,7 @@ def distribute(comm, raw, curved, body_of_cell, component, pairs=(), weight=WEIG
     -------
     Mesh
     """
-    piece = whole(comm, raw, curved, body_of_cell, component)
+    piece = whole(comm, raw, curved, component)
+    piece.body = piece.body if body_of_cell is None else np.asarray(body_of_cell)
     del raw, body_of_cell, component
     return deal(piece, pairs, weight, method)

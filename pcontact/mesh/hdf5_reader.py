@@ -13,8 +13,7 @@ from pcontact.mesh.plex_reader import is_petsc_file
 from pcontact.mesh.slices import MeshSlice, SliceBlock
 from pcontact.runtime.checksum import Damaged, verify
 from pcontact.runtime.errors import InputError
-from pcontact.runtime.parallel import agree, together
-from pcontact.runtime.petsc import MPI
+from pcontact.runtime.parallel import together
 
 MADE = "a file made by pcontact convert"
 
@@ -180,7 +179,7 @@ class ConvertedMesh:
         return piece
 
     def _read_groups(self, file, piece, end, low, high):
-        self._sizes, self._between = {"cells": {}, "facets": {}, "nodes": {}}, {}
+        self._sizes, self.between = {"cells": {}, "facets": {}, "nodes": {}}, {}
         for name, group, size in _groups(file, "cells", "cells"):
             mine = _members(group, "cells", self._first, end)
             piece.cell_groups[name] = group["cells"][mine].astype(np.int64) - self._first
@@ -189,7 +188,7 @@ class ConvertedMesh:
             mine = _members(group, "cells", self._first, end)
             rows = group["cells"][mine].astype(np.int64) - self._first
             piece.facet_groups[name] = rows, group["local"][mine].astype(np.int64)
-            self._between[name] = group["between"][mine] > 0
+            self.between[name] = group["between"][mine] > 0
             self._sizes["facets"][name] = size
         self.lost = {g.attrs["name"]: g.attrs["found"] for g in file.get("groups/lost", {}).values()}
         for name, group, size in _groups(file, "nodes", "nodes"):
@@ -237,60 +236,3 @@ class ConvertedMesh:
             centre = file["points"][vertices[order]].mean(axis=0)
             tag = file["cells/tags"][self._first + row]
         return f"cell {tag} ({block.cell} at ({', '.join(f'{x:g}' for x in centre)}))"
-
-    def _refuse(self, rows, message):
-        """Raise an InputError, about the first of the rows of all ranks and their number, if there are any."""
-        total = self.comm.allreduce(len(rows))
-        if total:
-            agree(self.comm, message(rows[0], total) if len(rows) else None)
-
-    def set_bodies(self, regions):
-        """Give the cells their bodies, the numbers of cell groups in a list. *Collective.*
-
-        Raises
-        ------
-        InputError
-            A cell is in no body, or in two.
-        """
-        body = np.full(len(self.piece.ids), -1, dtype=np.int64)
-        for number, region in enumerate(regions):
-            cells = self.piece.cell_groups[region]
-            self._refuse(
-                cells[body[cells] >= 0],
-                lambda row, n, region=region: (
-                    f"{self.path}: {self.named(row)} of body {region!r} is also in body "
-                    f"{regions[body[row]]!r} ({n} in all); allowed: every cell in one body"
-                ),
-            )
-            body[cells] = number
-
-        def homeless(row, n):
-            names = [name for name, cells in self.piece.cell_groups.items() if np.isin(row, cells)]
-            where = f"of group {names[0]!r}" if names else "of no group"
-            return (
-                f"{self.path}: {self.named(row)} {where} is in no body ({n} in all); "
-                "allowed: every cell in the region of one of the [[bodies]]"
-            )
-
-        self._refuse(np.flatnonzero(body < 0), homeless)
-        self.piece.body = body
-
-    def check_surfaces(self, surfaces):
-        """Refuse contact surfaces with facets between two cells. *Collective.*"""
-        for name in surfaces:
-            rows = self.piece.facet_groups[name][0][self._between[name]]
-            self._refuse(
-                rows,
-                lambda row, n, name=name: (
-                    f"{self.path}: contact surface {name!r} has {n} facets between two cells, the first one at "
-                    f"{self.named(row)}; allowed: facets on the boundary of a body (bodies in contact must "
-                    "not share nodes)"
-                ),
-            )
-
-    def component_names(self, regions):
-        """Body, or bodies, of every connected component. *Collective.*"""
-        there = np.zeros((self.piece.n_components, len(regions)), dtype=bool)
-        there[self.piece.component, self.piece.body] = True
-        self.comm.Allreduce(MPI.IN_PLACE, there, op=MPI.LOR)
-        return [" + ".join(regions[b] for b in np.flatnonzero(row)) for row in there]

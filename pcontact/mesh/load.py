@@ -12,85 +12,81 @@ from pcontact.mesh.reader import read_mesh
 from pcontact.mesh.slices import whole
 from pcontact.runtime import profile
 from pcontact.runtime.errors import InputError
-from pcontact.runtime.parallel import on_root, together
+from pcontact.runtime.parallel import agree, on_root, together
+from pcontact.runtime.petsc import MPI
 
 
-def _named(raw, cell):
-    return cell_name(raw.points, raw.blocks, raw.tags, int(cell))
+def _refuse(piece, rows, message):
+    """Raise an InputError about the first of the rows of all ranks and their number, if there are any."""
+    total = piece.comm.allreduce(len(rows))
+    if total:
+        agree(piece.comm, message(int(rows[0]), total) if len(rows) else None)
 
 
-def _bodies(raw, regions):
-    """Body number of every cell; a cell in no body or in two is an error."""
-    n_cells = sum(len(b.nodes) for b in raw.blocks)
-    body = np.full(n_cells, -1, dtype=np.int64)
+def _set_bodies(piece, regions, named):
+    """Give the cells their bodies, numbers of cell groups; a cell in no body or in two is an error. *Collective.*"""
+    body = np.full(len(piece.ids), -1, dtype=np.int64)
     for number, region in enumerate(regions):
-        cells = raw.cell_groups[region]
-        taken = cells[body[cells] >= 0]
-        if len(taken):
-            raise InputError(
-                f"{raw.path}: {_named(raw, taken[0])} of body {region!r} is also in body "
-                f"{regions[body[taken[0]]]!r} ({len(taken)} in all); allowed: every cell in one body"
-            )
+        cells = piece.cell_groups[region]
+        _refuse(piece, cells[body[cells] >= 0], lambda row, n, region=region: (
+            f"{piece.path}: {named(row)} of body {region!r} is also in body {regions[body[row]]!r} ({n} in all); "
+            "allowed: every cell in one body"
+        ))  # fmt: skip
         body[cells] = number
-    homeless = np.flatnonzero(body < 0)
-    if len(homeless):
-        names = [name for name, cells in raw.cell_groups.items() if np.isin(homeless[0], cells)]
+
+    def homeless(row, n):
+        names = [name for name, cells in piece.cell_groups.items() if np.isin(row, cells)]
         where = f"of group {names[0]!r}" if names else "of no group"
-        raise InputError(
-            f"{raw.path}: {_named(raw, homeless[0])} {where} is in no body ({len(homeless)} in all); "
-            "allowed: every cell in the region of one of the [[bodies]]"
-        )
-    return body
+        return (f"{piece.path}: {named(row)} {where} is in no body ({n} in all); "
+                "allowed: every cell in the region of one of the [[bodies]]")  # fmt: skip
+
+    _refuse(piece, np.flatnonzero(body < 0), homeless)
+    piece.body = body
 
 
-def _check_contact_facets(raw, surfaces):
-    for name in surfaces:
-        cells, local = raw.facet_groups[name]
-        inside = np.flatnonzero(facet_multiplicity(raw, cells, local) > 1)
-        if len(inside):
-            raise InputError(
-                f"{raw.path}: contact surface {name!r} has {len(inside)} facets between two cells, the first one at "
-                f"{_named(raw, cells[inside[0]])}; allowed: facets on the boundary of a body (bodies in contact must "
-                "not share nodes)"
-            )
+def _check_surfaces(piece, between, named):
+    """Refuse contact surfaces with facets between two cells: bool (n,) of those of each surface. *Collective.*"""
+    for name, inside in between.items():
+        _refuse(piece, piece.facet_groups[name][0][inside], lambda row, n, name=name: (
+            f"{piece.path}: contact surface {name!r} has {n} facets between two cells, the first one at {named(row)}; "
+            "allowed: facets on the boundary of a body (bodies in contact must not share nodes)"
+        ))  # fmt: skip
 
 
-def _component_names(component, body, regions):
-    pairs = np.unique(component * len(regions) + body)
-    names = [[] for _ in range(int(component.max()) + 1)]
-    for k, b in zip(*np.divmod(pairs, len(regions)), strict=True):
-        names[k].append(regions[b])
-    return [" + ".join(name) for name in names]
+def _component_names(piece, regions):
+    """Body, or bodies, of every connected component. *Collective.*"""
+    there = np.zeros((piece.n_components, len(regions)), dtype=bool)
+    there[piece.component, piece.body] = True
+    piece.comm.Allreduce(MPI.IN_PLACE, there, op=MPI.LOR)
+    return [" + ".join(regions[b] for b in np.flatnonzero(row)) for row in there]
 
 
-def _read_whole(comm, path, order, serendipity, regions, surfaces, check):
-    """All of a mesh on rank 0. *Collective.*"""
+def _read_whole(comm, path, order, serendipity, surfaces, check):
+    """All of a mesh on rank 0: slices, facets between two cells by surface, and a cell in words. *Collective.*"""
 
     def prepare():
         raw = read_mesh(path)
         check(raw)
         say_lost(raw.path, raw.lost)
-        body = _bodies(raw, regions)
-        _check_contact_facets(raw, surfaces)
+        between = {name: facet_multiplicity(raw, *raw.facet_groups[name]) > 1 for name in surfaces}
         curved = any(b.degree == 2 for b in raw.blocks)
         if curved or order == 2:
             raw = complete(raw, 2)
             raw = without_middles(raw) if serendipity else raw
-        component = components(raw)
-        return (raw, curved, body, component), _component_names(component, body, regions)
+        return raw, curved, components(raw), between
 
-    arguments, names = on_root(comm, prepare) or ((None,) * 4, None)
-    return whole(comm, *arguments), comm.bcast(names, root=0)
+    raw, curved, component, between = on_root(comm, prepare) or (None, False, None, dict.fromkeys(surfaces, []))
+    between = {name: np.asarray(inside, dtype=bool) for name, inside in between.items()}
+    piece = whole(comm, raw, curved, component)
+    return piece, between, lambda cell: cell_name(raw.points, raw.blocks, raw.tags, cell)
 
 
-def _read_slices(comm, path, order, serendipity, regions, surfaces, check, pairs):
-    """A slice of a converted mesh on every rank. *Collective.*"""
+def _read_slices(comm, path, order, serendipity, surfaces, check, pairs):
+    """The same of a converted mesh, of which every rank has a slice. *Collective.*"""
     stored = ConvertedMesh(comm, path, order, serendipity)
     together(comm, check, stored.summary(pairs))
     say_lost(stored.path, stored.lost)
-    stored.set_bodies(regions)
-    stored.check_surfaces(surfaces)
-    return stored.piece, stored.component_names(regions)
+    return stored.piece, {name: stored.between[name] for name in surfaces}, stored.named
 
 
 def load_plain(comm, raw):
@@ -110,9 +106,9 @@ def load_plain(comm, raw):
     def prepare():
         curved = any(block.degree == 2 for block in raw.blocks)
         full = complete(raw, 2) if curved else raw
-        return full, curved, np.zeros(full.offsets[-1], dtype=np.int64), components(full)
+        return full, curved, components(full)
 
-    return deal(whole(comm, *(on_root(comm, prepare) or (None,) * 4)))
+    return deal(whole(comm, *(on_root(comm, prepare) or (None,) * 3)))
 
 
 def load_mesh(comm, path, order, regions, pairs, check, dealing=(WEIGHT, "bisection"), serendipity=False):
@@ -153,9 +149,13 @@ def load_mesh(comm, path, order, regions, pairs, check, dealing=(WEIGHT, "bisect
     surfaces = sorted({name for source, target, _ in pairs for name in (source, target) if name is not None})
     with profile.phase("read"):
         if is_converted(path):
-            piece, names = _read_slices(comm, path, order, serendipity, regions, surfaces, check, pairs)
+            piece, between, named = _read_slices(comm, path, order, serendipity, surfaces, check, pairs)
         else:
-            piece, names = _read_whole(comm, path, order, serendipity, regions, surfaces, check)
+            piece, between, named = _read_whole(comm, path, order, serendipity, surfaces, check)
+        _set_bodies(piece, regions, named)
+        _check_surfaces(piece, between, named)
+        names = _component_names(piece, regions)
+        del named
     profile.give_back()
     profile.mark("read")
     with profile.phase("distribute"):

@@ -117,24 +117,25 @@ class MeshSlice:
             self.node_groups[name] = np.flatnonzero(has_bit(members, k))
 
 
-def whole(comm, raw, curved, body, component):
+def whole(comm, raw, curved, component):
     """The slices of a mesh that rank 0 has read: everything there, nothing elsewhere. *Collective.*
 
     Parameters
     ----------
     comm : MPI.Comm
-    raw, curved, body, component
+    raw, curved, component
         On rank 0; see :func:`pcontact.mesh.distribute.distribute`.
 
     Returns
     -------
     MeshSlice
+        Of one body.
     """
     head = None
     if comm.rank == 0:
         head = {
             "path": raw.path, "dim": raw.dim, "degree": raw.blocks[0].degree, "curved": bool(curved),
-            "n_nodes_total": len(raw.points), "n_cells_total": len(body),
+            "n_nodes_total": len(raw.points), "n_cells_total": len(component),
             "n_components": int(component.max()) + 1 if len(component) else 0,
             "cells": [(b.cell, b.nodes.shape[1]) for b in raw.blocks],
             "groups": [list(g) for g in (raw.cell_groups, raw.facet_groups, raw.node_groups, raw.edge_groups)],
@@ -147,7 +148,8 @@ def whole(comm, raw, curved, body, component):
     if comm.rank == 0:
         return MeshSlice(
             comm, blocks=[SliceBlock(b.cell, b.nodes) for b in raw.blocks],
-            ids=np.arange(len(body), dtype=np.int64), body=np.asarray(body), component=component, points=raw.points,
+            ids=np.arange(len(component)), body=np.zeros(len(component), dtype=np.int64), component=component,
+            points=raw.points,
             point_starts=starts, cell_groups=raw.cell_groups, facet_groups=raw.facet_groups,
             node_groups=raw.node_groups, edge_groups=raw.edge_groups, **head,
         )  # fmt: skip

@@ -150,11 +150,8 @@ def test_a_single_very_heavy_cell():
 
 def slice_of(path):
     """The slices of a mesh that rank 0 reads. *Collective.*"""
-    arguments = (None,) * 4
-    if WORLD.rank == 0:
-        raw = read_mesh(path)
-        arguments = raw, False, np.zeros(sum(len(b.nodes) for b in raw.blocks), dtype=np.int64), components(raw)
-    return whole(WORLD, *arguments)
+    raw = read_mesh(path) if WORLD.rank == 0 else None
+    return whole(WORLD, raw, False, None if raw is None else components(raw))
 
 
 @pytest.mark.parallel
