@@ -27,12 +27,11 @@ from pcontact.material.elastic import Elastic
 from pcontact.material.finite import FiniteMaterial
 from pcontact.material.laws import ADDED, small_strain
 from pcontact.mesh.by_place import BY_PLACE
+from pcontact.mesh.distribute import load_mesh
 from pcontact.mesh.geometry.moving import put_on
-from pcontact.mesh.groups import RawMesh
-from pcontact.mesh.hdf5_reader import is_converted
-from pcontact.mesh.load import load_mesh
-from pcontact.mesh.present import missing, without
-from pcontact.mesh.section import OTHER, cut
+from pcontact.mesh.hdf5 import is_converted
+from pcontact.mesh.raw import RawMesh
+from pcontact.mesh.topology import OTHER, cut, missing, without
 from pcontact.pairs import contact_reports, oriented, since_of, tied_pairs
 from pcontact.runtime import log, profile
 from pcontact.runtime.errors import TOLD

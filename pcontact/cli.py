@@ -21,7 +21,7 @@ from pcontact.io.report import read_steps
 from pcontact.io.report_schema import report_schema
 from pcontact.io.summary import JsonLines, PassLines, summary
 from pcontact.io.template import write_example, write_template
-from pcontact.mesh.hdf5_writer import convert, mesh_sizes
+from pcontact.mesh.hdf5 import convert, mesh_sizes
 from pcontact.mesh.mesh import size_of
 from pcontact.runtime import log, signals
 from pcontact.runtime.commands import CONVERT, DEMO, JSON, MODES, NEW, WARM

@@ -23,7 +23,7 @@ from pcontact.contact.surface.smooth_geometry import Chords, has_corner, smooth_
 from pcontact.contact.traction.target import is_two_sided
 from pcontact.contact.unbiased import contacts_of_halves, halved, is_unbiased
 from pcontact.mesh.mesh import size_of
-from pcontact.mesh.surface import read_surface
+from pcontact.mesh.read import read_surface
 from pcontact.runtime import log
 from pcontact.runtime.messages import input_error
 from pcontact.runtime.parallel import agree, on_root, together

@@ -24,9 +24,9 @@ from pcontact.io.names import STATUS, forces_of
 from pcontact.io.observers import FacetErrors, Fields, OpenContacts, Records, SmallStrain, Terminal
 from pcontact.io.restart import ANYWAY, checkpoint_time, read_checkpoint
 from pcontact.io.snapshot import Snapshot
-from pcontact.mesh.components import Numbers
 from pcontact.mesh.mesh import bounding_box
 from pcontact.mesh.plex import view
+from pcontact.mesh.topology import Numbers
 from pcontact.runtime import compiling, log, profile, start
 from pcontact.runtime.errors import TOLD, StepFailure, Stopped
 from pcontact.runtime.jit import CALLS

@@ -14,11 +14,10 @@ import numpy as np
 from drivers._common import main, make_mesh, make_parser, print_table, write_json
 from drivers.studies._graph_parts import graph_parts
 from meshes import ball_on_block, dome_on_block, heap, layer_on_base, spring, two_blocks
-from pcontact.mesh.components import components
-from pcontact.mesh.contact_weights import contact_facets
-from pcontact.mesh.partition import WEIGHT, by_bisection
-from pcontact.mesh.reader import read_mesh
+from pcontact.mesh.partition import WEIGHT, by_bisection, contact_facets
+from pcontact.mesh.read import read_mesh
 from pcontact.mesh.slices import Corners, whole
+from pcontact.mesh.topology import components
 from pcontact.runtime.parallel import Exchanger
 from pcontact.runtime.petsc import MPI
 

@@ -16,9 +16,9 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact.element.reference import CELLS, edge_nodes
-from pcontact.mesh.outer import outer_facets
-from pcontact.mesh.refinement.origin import marks, tree_points
+from pcontact.mesh.refinement.numbering import marks, tree_points
 from pcontact.mesh.refinement.refine import Rise
+from pcontact.mesh.topology import outer_facets
 from pcontact.runtime.petsc import MPI
 
 # [-] Sizes of cells of the last mesh over those of now, from which on the power is told. From: as in the plane.

@@ -18,7 +18,7 @@ from pcontact.adapt.edges import NAME, Edges, of_tetrahedra, space_vertices, ver
 from pcontact.element.reference import CELLS
 from pcontact.element.shape import shape
 from pcontact.estimate.tractions import Cells, bring, source_facets
-from pcontact.mesh.refinement.origin import tree_points
+from pcontact.mesh.refinement.numbering import tree_points
 from pcontact.mesh.refinement.refine import Rise
 from pcontact.runtime.petsc import MPI
 

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from pcontact.mesh.hdf5_writer import write
+from pcontact.mesh.hdf5 import write
 from pcontact.mesh.refinement.gather import gathered
 from pcontact.runtime import log
 from pcontact.runtime.files import replace_file

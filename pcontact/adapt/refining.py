@@ -9,8 +9,7 @@ from pcontact import build
 from pcontact.adapt.cells import NAMES, Choice, locking, of_parts, parts_of
 from pcontact.adapt.mark import Contributions, Cuts, degrees, next_cuts
 from pcontact.adapt.singularities import Corners
-from pcontact.mesh.refinement.refine import SIMPLICES, Balance, refine
-from pcontact.mesh.refinement.regular import HALVED
+from pcontact.mesh.refinement.refine import HALVED, SIMPLICES, Balance, refine
 from pcontact.mesh.refinement.split import split
 
 

@@ -19,7 +19,7 @@ from pcontact.adapt import edges, fronts
 from pcontact.adapt.cells import of_parts
 from pcontact.adapt.mark import degrees
 from pcontact.element.reference import CELLS
-from pcontact.mesh.refinement.origin import marks, tree_points
+from pcontact.mesh.refinement.numbering import marks, tree_points
 from pcontact.mesh.refinement.refine import Rise
 from pcontact.mesh.refinement.simplices import WISHED
 from pcontact.runtime.petsc import MPI

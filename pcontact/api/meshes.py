@@ -13,8 +13,8 @@ import numpy as np
 
 from pcontact.element.reference import CELLS, MESHIO_NAMES, facet_kinds, facet_nodes
 from pcontact.io.vtu import CELL_NAMES
-from pcontact.mesh.groups import KINDS
 from pcontact.mesh.plex_reader import LOWER, Tables, read_plex
+from pcontact.mesh.raw import KINDS
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import on_root
 from pcontact.scene import MeshSpec

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pcontact.mesh.digest import hashes, mesh_digest, total
+from pcontact.mesh.mesh import hashes, mesh_digest, total
 from pcontact.scene import differences, physics_so_far
 from pcontact.scene.model import OUTER
 from pcontact.scene.places import groups_named, tables
@@ -49,7 +49,7 @@ class Identity:
     physics : dict
         See :func:`pcontact.scene.physics.physics`.
     mesh : dict of str to str
-        See :func:`pcontact.mesh.digest.mesh_digest`.
+        See :func:`pcontact.mesh.mesh.mesh_digest`.
     rows : dict of str to [int, str]
         Of every item that remembers something: how many points (or cells) there are, and a digest of their numbers.
     scene_file, mesh_file : str or pathlib.Path

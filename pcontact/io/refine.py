@@ -8,8 +8,8 @@ import numpy as np
 from pcontact.element.reference import CELLS, edge_nodes
 from pcontact.estimate.size import at_vertices, edge_lengths, largest_contributions, new_sizes
 from pcontact.io.result import load_result
-from pcontact.mesh.groups import KINDS
-from pcontact.mesh.reader import read_mesh
+from pcontact.mesh.raw import KINDS
+from pcontact.mesh.read import read_mesh
 from pcontact.mesh.refinement.gather import halved_where
 from pcontact.mesh.remesh import remesh, write_refined, write_sizes
 from pcontact.runtime.commands import ERROR, PART, REFINE
@@ -105,7 +105,7 @@ def read_estimate(directory, step=-1):
 
     Returns
     -------
-    raw : pcontact.mesh.groups.RawMesh
+    raw : pcontact.mesh.raw.RawMesh
     estimates : ndarray (n_cells,)
         Of every cell of the mesh [sqrt(energy)].
     degree : int

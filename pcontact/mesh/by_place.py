@@ -3,7 +3,7 @@
 import numpy as np
 
 from pcontact.element.reference import edge_nodes
-from pcontact.mesh.groups import facet_vertices, facets_of_nodes
+from pcontact.mesh.raw import facet_vertices, facets_of_nodes
 
 
 def cells_by_place(raw, test, within=None):

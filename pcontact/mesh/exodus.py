@@ -8,7 +8,7 @@ import importlib
 import h5py
 import numpy as np
 
-from pcontact.mesh.groups import FileMesh, Table, default_name, reading
+from pcontact.mesh.raw import FileMesh, Table, default_name, reading
 from pcontact.runtime.errors import InputError
 
 # kind (meshio's name) and dimension by the beginning of an Exodus type and the number of nodes

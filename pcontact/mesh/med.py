@@ -3,7 +3,7 @@
 import h5py
 import numpy as np
 
-from pcontact.mesh.groups import FileMesh, reading
+from pcontact.mesh.raw import FileMesh, reading
 from pcontact.runtime.errors import InputError
 
 # kind (meshio's name), dimension and number of nodes by MED's name

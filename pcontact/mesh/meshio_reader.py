@@ -7,7 +7,7 @@ from contextlib import redirect_stderr, redirect_stdout
 import numpy as np
 
 from pcontact.element.reference import n_nodes
-from pcontact.mesh.groups import KINDS, FileMesh, default_name
+from pcontact.mesh.raw import KINDS, FileMesh, default_name
 from pcontact.runtime import log
 from pcontact.runtime.errors import InputError
 

@@ -6,8 +6,8 @@ import h5py
 import numpy as np
 
 from pcontact.element.reference import MESHIO_NAMES, facet_kinds, facet_nodes
-from pcontact.mesh.groups import DIMENSION_NAMES, FileMesh
 from pcontact.mesh.plex import FACETS, POLYTOPES, RESERVED, cones, leaves, told
+from pcontact.mesh.raw import DIMENSION_NAMES, FileMesh
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import MPI, PETSc
 

@@ -6,9 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from pcontact.element.reference import CELLS, edge_nodes, facet_nodes
-from pcontact.mesh.complete import number_rows
-from pcontact.mesh.gmsh_reader import apart
-from pcontact.mesh.msh import VTK_ORDER
+from pcontact.mesh.msh import VTK_ORDER, apart
+from pcontact.mesh.raw import number_rows
 from pcontact.runtime import signals
 from pcontact.runtime.errors import TOLD, InputError
 from pcontact.runtime.files import GEOMETRIES, require_end, written_aside
@@ -60,7 +59,7 @@ def write_refined(path, raw):
     ----------
     path : str or pathlib.Path
         .msh file.
-    raw : pcontact.mesh.groups.RawMesh
+    raw : pcontact.mesh.raw.RawMesh
         All cells of one degree.
     """
     with _fresh():

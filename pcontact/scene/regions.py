@@ -271,7 +271,7 @@ def check_lost(scene: Scene, lost: Mapping[str, str], mesh_path: str | Path) -> 
     scene : Scene
         A valid scene.
     lost : mapping of str to str
-        Such groups, and what is found and allowed, see `pcontact.mesh.groups.RawMesh`.
+        Such groups, and what is found and allowed, see `pcontact.mesh.raw.RawMesh`.
     mesh_path : str or pathlib.Path
         For the messages.
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pcontact.mesh.components import label
+from pcontact.mesh.topology import label
 from pcontact.runtime.petsc import MPI, PETSc
 
 

@@ -7,7 +7,7 @@ one node of the upper side leads, s = -(u+ - u-)_i / n_i, and F does the work F 
 
 import numpy as np
 
-from pcontact.mesh.section import OTHER, plane
+from pcontact.mesh.topology import OTHER, plane
 from pcontact.runtime.parallel import agree
 from pcontact.runtime.petsc import MPI
 from pcontact.space.constraints import Constraint, gathered

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from pcontact.assembly.item import ActiveSet
-from pcontact.mesh.components import label
+from pcontact.mesh.topology import label
 from pcontact.runtime import log
 from pcontact.runtime.petsc import MPI
 from pcontact.solve.least_distance import nearest_point

@@ -10,7 +10,7 @@ from drivers.studies._extreme_runs import REFUSED, RIGHT, WRONG, Cell, judge, no
 from drivers.studies._extreme_scenes import E, flowing_strain, stack
 from drivers.studies.extremes import cells_of
 from meshes.bricks import Brick, bricks
-from pcontact.mesh.reader import read_mesh
+from pcontact.mesh.read import read_mesh
 from pcontact.runtime import log
 from pcontact.runtime.files import replace_file
 from pcontact.runtime.petsc import MPI

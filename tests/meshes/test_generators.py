@@ -13,7 +13,7 @@ from meshes.spring import Helix
 from pcontact.element.quadrature import quadrature
 from pcontact.element.reference import facet_nodes
 from pcontact.element.shape import shape_gradient
-from pcontact.mesh.reader import read_mesh
+from pcontact.mesh.read import read_mesh
 
 DIMENSION = {"vertex": 0, "line": 1, "triangle": 2, "quad": 2, "tetra": 3, "hexahedron": 3}
 VERTICES = {"line": 2, "triangle": 3, "quad": 4, "tetra": 4, "hexahedron": 8}

@@ -11,7 +11,7 @@ from pcontact.element.quadrature import quadrature
 from pcontact.element.reference import reference_nodes
 from pcontact.element.shape import shape, shape_gradient
 from pcontact.io.result import load_result
-from pcontact.mesh.hdf5_writer import convert
+from pcontact.mesh.hdf5 import convert
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import (
     Body,

@@ -7,8 +7,8 @@ from drivers._common import make_mesh
 from drivers.cases.stack import History, costs, scene
 from meshes import heap
 from meshes.heap import layers
-from pcontact.mesh.components import components
-from pcontact.mesh.reader import read_mesh
+from pcontact.mesh.read import read_mesh
+from pcontact.mesh.topology import components
 from pcontact.runtime.petsc import MPI
 from pcontact.simulation import Simulation
 

@@ -8,7 +8,7 @@ from drivers.cases import patch
 from meshes import one_block
 from pcontact.assembly.geometry import points_of, some_cells_weighted
 from pcontact.io.result import load_result
-from pcontact.mesh.hdf5_writer import convert
+from pcontact.mesh.hdf5 import convert
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Obstacle, Output, Scene

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import pcontact as pc
-from pcontact.mesh.load import load_mesh
+from pcontact.mesh.distribute import load_mesh
 from pcontact.runtime.petsc import MPI, PETSc
 from tests.support.commands import ROOT
 from tests.support.small import blocks_file

@@ -12,8 +12,8 @@ from pcontact.cli import guarded
 from pcontact.io.fields import FieldWriter
 from pcontact.io.parts import Piece
 from pcontact.io.result import load_result
-from pcontact.mesh.hdf5_writer import convert
-from pcontact.mesh.reader import read_mesh
+from pcontact.mesh.hdf5 import convert
+from pcontact.mesh.read import read_mesh
 from pcontact.mesh.refinement.gather import halved_where
 from pcontact.mesh.remesh import write_refined, write_sizes
 from pcontact.runtime import log

@@ -5,7 +5,7 @@ import pytest
 
 from pcontact.importer.cards import read_cards, rectangular
 from pcontact.importer.deck import read_deck
-from pcontact.mesh.reader import read_file
+from pcontact.mesh.read import read_file
 from pcontact.runtime.errors import InputError
 from tests.support.decks import BLOCKS, PAIR, STEEL, bricks, imported, solved
 

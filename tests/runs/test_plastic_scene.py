@@ -12,10 +12,10 @@ from pcontact.assembly.solid import Solid
 from pcontact.io.observers import Terminal
 from pcontact.io.result import load_result
 from pcontact.io.smooth import NodeMeans
-from pcontact.mesh.complete import complete
-from pcontact.mesh.components import components
 from pcontact.mesh.distribute import distribute
-from pcontact.mesh.reader import read_mesh
+from pcontact.mesh.raw import complete
+from pcontact.mesh.read import read_mesh
+from pcontact.mesh.topology import components
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.observer import Observer
 from pcontact.runtime.parallel import on_root

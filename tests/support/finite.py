@@ -8,7 +8,7 @@ from pcontact.material.finite import FiniteMaterial
 from pcontact.material.hardening import hardening_curve
 from pcontact.material.mandel import elastic_stress
 from pcontact.material.plastic import VonMises, plastic_constants, return_map
-from pcontact.mesh.reader import read_mesh
+from pcontact.mesh.read import read_mesh
 from pcontact.space.space import Space
 from tests.support.plastic import mandel, tensor
 from tests.support.small import SELF, bend, block_file, make_space, vector_of

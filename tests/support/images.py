@@ -7,7 +7,7 @@ import numpy as np
 
 from pcontact.element.reference import CELLS, facet_nodes, reference_nodes
 from pcontact.element.shape import shape
-from pcontact.mesh.reader import read_mesh
+from pcontact.mesh.read import read_mesh
 
 # gmsh's element types, and where its node order has VTK's nodes
 TYPES = {

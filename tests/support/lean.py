@@ -30,13 +30,15 @@ PIECES = {
     "viscous stabilisation": (("assembly.viscous",), ()),
     "springs": (("assembly.springs",), ()),
     "inertia": (("assembly.inertia", "assembly.mass"), ()),
-    "pre-tension": (("space.section", "mesh.section"), ("plane",)),
+    "pre-tension": (("space.section", "mesh.topology:cut"), ("plane",)),
     "phases": (("assembly.release",), ()),
     "equations": (("space.equations",), ()),
     "rigid groups": (("assembly.constrained", "space.rigid"), ()),
     "thermal strain": (("assembly.heat",), ()),
     "bodies that come and go": (
-        ("mesh.present", "space.carried", "assembly.extension", "contact.traction.small:_Begun"), (),
+        ("mesh.topology:without", "mesh.topology:missing", "space.carried", "assembly.extension",
+         "contact.traction.small:_Begun"),
+        (),
     ),
     "fields of files": (("assembly.nodal_field",), ()),
     "self contact": (("contact.search.self_surface", "contact.search.exclusion", "contact.search.cones"),
@@ -53,7 +55,7 @@ PIECES = {
     "initial gaps": (("contact.initial",), ("initial_gap",)),
     "obstacles": (("contact.surface.obstacle",), ()),
     "finite shapes": (("contact.surface.shapes",), ()),
-    "rigid meshes": (("contact.surface.rigid_surface", "mesh.surface"), ()),
+    "rigid meshes": (("contact.surface.rigid_surface", "mesh.read:read_surface"), ()),
     # what says that a cell has none, and what axial symmetry needs, too
     "mean dilatation": (
         ("element.dilatation",), ("Mean", "Dilatation", "linear", "dilatation", "factors", "squares", "hoop_operator"),
@@ -63,7 +65,7 @@ PIECES = {
 ANY = "any run"
 # modules, or functions of them, below the package, that only a run with the feature calls
 FEATURES = {
-    "serendipity": ["mesh.complete:without_middles"],
+    "serendipity": ["mesh.raw:without_middles"],
     "reduced integration": ["element.reduced"],
     "ray tracing": ["contact.search.projection:ray_tracing"],
     "cut facets": ["contact.segmentation.clipping", "contact.segmentation.overlaps", "contact.segmentation.pieces"],
@@ -89,12 +91,12 @@ FEATURES = {
     "fields": ["io.fields", "io.vtu", "io.parts"],
     "smooth fields": ["io.smooth"],
     "fields in one file": ["io.vtkhdf:write_step"],
-    "checkpoints": ["io.checkpoint", "mesh.digest"],
+    "checkpoints": ["io.checkpoint", "mesh.mesh:mesh_digest", "mesh.mesh:hashes", "mesh.mesh:total"],
     "probes": ["stepping.record:Recorder._probe"],
     "sizes of load steps": ["stepping.schedule:Schedule._follow"],
     "bodies that come and go": ["scene.phases:scene_of"],
     "an error to reach": ["adapt.loop", "mesh.refinement.refine"],
-    "geometry": ["mesh.geometry.belonging", "mesh.geometry.drawing", "mesh.geometry.moving"],
+    "geometry": ["mesh.geometry.belonging", "mesh.geometry.moving"],
 }
 KEYS = {
     "Scene": {ANY: "title allow_unsafe", "an error to reach": "accuracy"},

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from pcontact.mesh.complete import complete
-from pcontact.mesh.components import components
 from pcontact.mesh.distribute import distribute
-from pcontact.mesh.reader import read_mesh
+from pcontact.mesh.raw import complete
+from pcontact.mesh.read import read_mesh
+from pcontact.mesh.topology import components
 from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Output, Scene, Steps
 from pcontact.space.space import Space
 

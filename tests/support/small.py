@@ -8,10 +8,10 @@ from pcontact.assembly.solid import Solid
 from pcontact.contact.report import ContactReport
 from pcontact.element.shape import shape, shape_gradient
 from pcontact.material.elastic import Elastic
-from pcontact.mesh.complete import complete
-from pcontact.mesh.components import components
 from pcontact.mesh.distribute import distribute
-from pcontact.mesh.reader import read_mesh
+from pcontact.mesh.raw import complete
+from pcontact.mesh.read import read_mesh
+from pcontact.mesh.topology import components
 from pcontact.runtime.petsc import MPI
 from pcontact.space.space import Space
 

@@ -3,8 +3,8 @@
 import numpy as np
 
 from pcontact.element.reference import CELLS, facet_kinds, facet_nodes
-from pcontact.mesh.groups import facet_vertices
-from pcontact.mesh.reader import read_mesh
+from pcontact.mesh.raw import facet_vertices
+from pcontact.mesh.read import read_mesh
 
 # gmsh's types
 _TYPES = {"vertex": 15, "triangle": 2, "quadrilateral": 3, "tetrahedron": 4, "hexahedron": 5, "wedge": 6, "pyramid": 7}

@@ -11,7 +11,7 @@ import numpy as np
 
 from pcontact.contact.surface.sides import FACETS
 from pcontact.mesh.mesh import Facets
-from pcontact.mesh.outer import outer_facets
+from pcontact.mesh.topology import outer_facets
 from pcontact.scene.model import OUTER
 from pcontact.space.modes import component_boxes, near_pairs
 

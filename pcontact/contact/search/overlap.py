@@ -7,7 +7,7 @@ import numpy as np
 from pcontact.contact.search.exchange import PartnerSearch
 from pcontact.contact.search.query import QueryPoints
 from pcontact.contact.surface.sides import surface_of
-from pcontact.mesh.outer import outer_facets
+from pcontact.mesh.topology import outer_facets
 from pcontact.runtime.petsc import MPI
 
 # [cosine] Smallest one between the normal of a point and that of the nearest facet: any.

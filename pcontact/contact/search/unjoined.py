@@ -13,7 +13,7 @@ import numpy as np
 from pcontact.contact.search.tree import STACK_SIZE, build_tree
 from pcontact.element.reference import CELLS, facet_nodes
 from pcontact.mesh.mesh import bounding_box
-from pcontact.mesh.outer import outer_facets
+from pcontact.mesh.topology import outer_facets
 from pcontact.runtime.jit import njit_exact
 from pcontact.runtime.petsc import MPI
 

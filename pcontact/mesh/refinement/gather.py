@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pcontact.mesh.groups import Block, RawMesh
-from pcontact.mesh.load import load_plain
+from pcontact.mesh.distribute import load_plain
+from pcontact.mesh.raw import Block, RawMesh
 from pcontact.mesh.refinement.refine import refine
 from pcontact.mesh.refinement.split import split
 from pcontact.runtime.parallel import Exchanger
@@ -19,7 +19,7 @@ def halved_where(comm, raw, marked, path, divide=False):
     ----------
     comm : MPI.Comm
         Its ranks cut the cells together.
-    raw : pcontact.mesh.groups.RawMesh or None
+    raw : pcontact.mesh.raw.RawMesh or None
         On rank 0 the mesh.
     marked : ndarray (n_cells,) of bool or None
         On rank 0 its cells.
@@ -30,7 +30,7 @@ def halved_where(comm, raw, marked, path, divide=False):
 
     Returns
     -------
-    pcontact.mesh.groups.RawMesh or None
+    pcontact.mesh.raw.RawMesh or None
         On rank 0 the new mesh.
     """
     mesh, marked = load_plain(comm, raw), comm.bcast(marked)
@@ -54,7 +54,7 @@ def gathered(mesh, path, every=False):
 
     Returns
     -------
-    pcontact.mesh.groups.RawMesh or None
+    pcontact.mesh.raw.RawMesh or None
     """
     exchanger = Exchanger(mesh.comm)
     try:

@@ -18,15 +18,27 @@ and the node between m and the vertex c, with the middles ac and bc of two more 
     -1/8 (a + b) + 1/4 m + 1/2 (ac + bc)                (`FACE`)
 
 which are the shape functions of degree 2; with degree 1 it is the mean of the ends.
+
+The trees of cells that grow from the triangles or tetrahedra of a base, each rank those of its own cells.
+
+Keys of nodes: numbers of 64 bits by which all ranks know a node, whatever came before it, and a table of them.
+
+A node of the base has the mixed bits of its number. The node in the middle of an edge has those of the keys of the
+edge's ends, in any order: so two ranks that cut the edge they share agree on the new node without a message, and a
+mesh that is made again from the base has the same keys. Two of n nodes have the same key with a probability of n^2 /
+2^65: 1e-6 for 5 million.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-from pcontact.mesh.refinement.keys import AWAITED, FREE, enter, middle_key, new_table, place
+from pcontact.element.reference import CELLS, edge_nodes
+from pcontact.runtime.errors import InputError
 from pcontact.runtime.jit import njit_exact, njit_inline, njit_inner_exact
 
+# value of a place of the table that is free, and of a key that is known, but has no node here yet
+FREE, AWAITED = -2, -1
 # how a node came to be
 BASE, HALF, FACE = 0, 1, 2
 # by what rule nodes get values: means of the ends; formulas of degree 2, for coordinates too (`CURVED`) or not
@@ -38,6 +50,67 @@ DEEPEST = 63
 # bisections of a cell that can be wished for: those that neighbours ask for come on top. From: in the plane its edges
 # are 4e-9 of what they were then, which coordinates just tell apart.
 WISHED = 56
+# rows that arrays have room for, over what is there
+ROOM = 1.5
+
+
+@njit_inline
+def mixed(number):
+    """64 bits that look like random ones (S. Vigna's splitmix64)."""
+    z = np.uint64(number) + np.uint64(0x9E3779B97F4A7C15)
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return z ^ (z >> np.uint64(31))
+
+
+@njit_inline
+def middle_key(a, b):
+    """Key of the node between two others."""
+    low, high = min(a, b), max(a, b)
+    return mixed(low * np.uint64(3) + mixed(high))
+
+
+@njit_exact
+def vertex_keys(numbers, out):
+    """Keys (n,) uint64 of nodes of the base, by their numbers."""
+    for k in range(numbers.shape[0]):
+        out[k] = mixed(np.uint64(numbers[k]))
+
+
+@njit_exact
+def middle_keys(one, other, out):
+    """Keys (n,) uint64 of nodes between pairs of others, by the keys of these."""
+    for k in range(one.shape[0]):
+        out[k] = middle_key(one[k], other[k])
+
+
+@njit_inline
+def place(keys, values, key):
+    """Where a key is in the table, or the free place where it belongs."""
+    last = np.int64(keys.shape[0] - 1)
+    at = np.int64(key & np.uint64(last))
+    while values[at] != FREE and keys[at] != key:
+        at = (at + 1) & last
+    return at
+
+
+@njit_exact
+def enter(keys, values, entered, numbers):
+    """Put keys (n,) with their values (n,) into a table that has room for them."""
+    for k in range(entered.shape[0]):
+        at = place(keys, values, entered[k])
+        keys[at], values[at] = entered[k], numbers[k]
+
+
+def new_table(n):
+    """A table of keys with room for n of them: keys uint64, values int32, both (a power of two,)."""
+    size = 2 << max(int(n), 8).bit_length()
+    return np.zeros(size, dtype=np.uint64), np.full(size, FREE, dtype=np.int32)
+
+
+def home_of_key(keys, size):
+    """The rank (n,) that keeps what all ranks have to know of a node, by its key."""
+    return ((keys >> np.uint64(32)) * np.uint64(size) >> np.uint64(32)).astype(np.int64)
 
 
 class Nodes(NamedTuple):
@@ -275,7 +348,7 @@ def cut_all(nodes, cells, wishes, table, edges, count, rule, told):
     ----------
     nodes, cells, wishes : Nodes, Cells, Wishes
     table : tuple of ndarray
-        Nodes by their keys, see `pcontact.mesh.refinement.keys`.
+        Nodes by their keys, see `pcontact.mesh.refinement.simplices`.
     edges : ndarray (n_edges, 2) int64
         Local vertices.
     count : ndarray (5,) int64
@@ -433,3 +506,154 @@ def rehashed(nodes, n, awaited, room):
     enter(*table, awaited, np.full(len(awaited), AWAITED, dtype=np.int32))
     enter(*table, nodes.key[:n], np.arange(n, dtype=np.int32))
     return table
+
+
+def opposite(cell):
+    """Local facet (d + 1,) opposite each vertex of a simplex."""
+    facets = [set(facet) for facet in CELLS[cell].facets]
+    return np.array([next(k for k, facet in enumerate(facets) if v not in facet) for v in range(len(facets))])
+
+
+class Forest:
+    """Cells that grow from the simplices of a mesh.
+
+    Parameters
+    ----------
+    base : pcontact.mesh.mesh.Mesh
+    cell : str
+        "triangle" or "tetrahedron".
+    node_groups : ndarray (n_nodes, m) int64
+        Bits of the groups of the nodes of the base.
+    edge_groups : list of (ndarray (k, 2), int, int)
+        Local vertices of the edges of a group, and its column and bit in ``node_groups``.
+
+    Attributes
+    ----------
+    nodes, cells : Nodes, Cells
+        With room; the first ``n_nodes`` and ``n_cells`` count.
+    rule : int
+    base_nodes : int
+        Nodes of the base, which come first.
+    """
+
+    def __init__(self, base, cell, node_groups, edge_groups):
+        self.cell, self.edges = cell, edge_nodes(cell)
+        blocks = [block for block in base.blocks if block.cell == cell]
+        self.rule = LINEAR if base.degree == 1 else CURVED if base.curved else STRAIGHT
+        table = np.concatenate([block.nodes for block in blocks])
+        n, d1, ne = len(table), base.dim + 1, len(self.edges)
+        self.base_nodes = len(base.points)
+        self._count = np.array([self.base_nodes, n, 0, 0, 0], dtype=np.int64)
+        self._told, self._awaited = np.zeros(1024, dtype=np.int32), 0
+        self.cells = self._new_cells(n, d1, ne)
+        self.cells.vertices[:n] = table[:, :d1]
+        self.nodes = self._new_nodes(base, node_groups, n)
+        self.table = new_table(len(self.nodes.key))
+        first = table[:, :d1].ravel()
+        flags = np.zeros(self.base_nodes, dtype=bool)
+        flags[first] = True
+        numbers = np.flatnonzero(flags)
+        enter(*self.table, self.nodes.key[numbers], numbers.astype(np.int32))
+        given = np.ascontiguousarray(table[:, d1:])
+        base_middles(self.nodes, self.cells, self.table, self.edges, self._count, given)
+        for edges, column, bit in edge_groups:
+            self._join_edges(edges, column, bit)
+
+    def _new_cells(self, n, d1, ne):
+        room = int(ROOM * n) + 64
+        cells = Cells(
+            np.zeros((room, d1), np.int32), np.zeros((room, ne), np.int32), np.zeros(room, np.int32),
+            np.zeros(room, np.uint64), np.zeros(room, np.int32), np.full((room, d1), -1, np.int32),
+            np.zeros((room, 2), np.int32),
+        )  # fmt: skip
+        cells.base[:n] = np.arange(n)
+        return cells
+
+    def _new_nodes(self, base, node_groups, n_cells):
+        n = self.base_nodes
+        # no mesh has more edges than vertices and thrice its cells; room that nothing is written to costs nothing
+        room = (2 * n + 3 * n_cells if base.degree == 1 else int(ROOM * n)) + 256
+        nodes = Nodes(
+            np.zeros(room, np.uint64), np.zeros((room, base.dim)), np.zeros(room, np.int64), np.zeros(room, np.int8),
+            np.full((room, 2 if self.rule == LINEAR else 5), -1, np.int32), np.zeros(room, np.uint8),
+            np.zeros(room, np.uint64), np.zeros((room, node_groups.shape[1]), np.int64),
+        )  # fmt: skip
+        vertex_keys(base.file_nodes, nodes.key)
+        nodes.points[:n], nodes.groups[:n] = base.points, node_groups
+        return nodes
+
+    def _join_edges(self, edges, column, bit):
+        """Let the middles of edges of the base be in a group."""
+        ends = self.nodes.parents[: self._count[0], :2].astype(np.int64)
+        n = self._count[0]
+        keys = np.where(ends[:, 0] >= 0, ends.min(axis=1) * n + ends.max(axis=1), -1)
+        chosen = np.isin(keys, edges.min(axis=1) * n + edges.max(axis=1))
+        self.nodes.groups[:n][chosen, column] |= np.int64(1) << np.int64(bit)
+
+    @property
+    def n_nodes(self):
+        """int : nodes so far."""
+        return int(self._count[0])
+
+    @property
+    def n_cells(self):
+        """int : cells so far."""
+        return int(self._count[1])
+
+    @property
+    def cuts(self):
+        """int : cells cut so far."""
+        return int(self._count[3])
+
+    def share(self, shared):
+        """Take the bits of the neighbours (n_base_nodes,) that have the nodes of the base, too."""
+        nodes, n = self.nodes, self.n_nodes
+        nodes.shared[: self.base_nodes] = shared
+        ends = nodes.parents[:n, :2]
+        middle = ends[:, 0] >= 0
+        nodes.shared[:n][middle] = shared[ends[middle, 0]] & shared[ends[middle, 1]]
+
+    def grow(self, wishes):
+        """Cut what is due. Returns the nodes (n,) in the middle of edges that other ranks may have, too."""
+        parts = [np.zeros(0, dtype=np.int64)]
+        while True:
+            self._count[2] = 0
+            before = self.cuts
+            while not self._cut(wishes):
+                if self.cells.level[self._count[2]] >= DEEPEST:
+                    raise InputError(f"found a cell that was to be cut {DEEPEST + 1} times; allowed: {DEEPEST} times")
+                parts.append(self._taken())
+                self._make_room()
+            if self.cuts == before:
+                break
+        parts.append(self._taken())
+        return np.concatenate(parts)
+
+    def _cut(self, wishes):
+        return cut_all(self.nodes, self.cells, wishes, self.table, self.edges, self._count, self.rule, self._told)
+
+    def _taken(self):
+        told = self._told[: self._count[4]].astype(np.int64)
+        self._count[4] = 0
+        return told
+
+    def _make_room(self):
+        nodes, cells = self.n_nodes, self.n_cells
+        if cells >= len(self.cells.base):
+            self.cells = Cells(*(grown(array, int(ROOM * cells) + 64) for array in self.cells))
+        if nodes + self.cells.vertices.shape[1] >= len(self.nodes.key):
+            room = int(ROOM * nodes) + 256
+            self.nodes = Nodes(*(grown(array, room) for array in self.nodes))
+            self._rehash(room)
+
+    def take_in(self, keys):
+        """Mark edges that other ranks have cut, by the keys (n,) of their middles; how many are not cut here yet."""
+        self._awaited += len(keys)
+        if 2 * (len(self.nodes.key) + self._awaited) > len(self.table[0]):
+            self._rehash(len(self.nodes.key))
+        return take_in(self.nodes, self.table, keys)
+
+    def _rehash(self, room):
+        awaited = self.table[0][self.table[1] == AWAITED]
+        self._awaited = len(awaited)
+        self.table = rehashed(self.nodes, self.n_nodes, awaited, room + 2 * len(awaited))

@@ -8,7 +8,7 @@ from meshes.blocks import one_block
 from pcontact.adapt.cells import MEASURED, Choice, locking, of_parts, parts_of
 from pcontact.adapt.known import Range
 from pcontact.adapt.passes import Pass
-from pcontact.mesh.load import load_mesh
+from pcontact.mesh.distribute import load_mesh
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Body, Displacement, Material, MeshSpec, Scene
 from pcontact.space.space import Space

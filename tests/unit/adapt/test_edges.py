@@ -7,7 +7,7 @@ from drivers._common import make_mesh
 from meshes.blocks import one_block
 from pcontact.adapt.mark import Contributions, cuts
 from pcontact.adapt.singularities import Corners
-from pcontact.mesh.load import load_mesh
+from pcontact.mesh.distribute import load_mesh
 from pcontact.mesh.refinement.refine import refine
 from pcontact.runtime.petsc import MPI
 from pcontact.space.space import Space

@@ -6,7 +6,7 @@ import pytest
 from drivers._common import make_mesh
 from meshes.blocks import one_block
 from pcontact.adapt.singularities import Corners, PressureError, around_vertices
-from pcontact.mesh.load import load_mesh
+from pcontact.mesh.distribute import load_mesh
 from pcontact.mesh.refinement.refine import refine
 from pcontact.mesh.refinement.simplices import WISHED
 from pcontact.runtime.petsc import MPI

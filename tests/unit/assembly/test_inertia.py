@@ -6,7 +6,7 @@ import pytest
 from meshes import one_block
 from pcontact.assembly.inertia import Inertia
 from pcontact.assembly.mass import Mass
-from pcontact.mesh.load import load_mesh
+from pcontact.mesh.distribute import load_mesh
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.integrators import INTEGRATORS
 from pcontact.space.space import Space

@@ -5,7 +5,7 @@ import pytest
 
 from meshes import one_block
 from pcontact.assembly.mass import Mass
-from pcontact.mesh.load import load_mesh
+from pcontact.mesh.distribute import load_mesh
 from pcontact.runtime.petsc import MPI
 from pcontact.space.space import Space
 

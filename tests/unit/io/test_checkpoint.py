@@ -10,7 +10,7 @@ import pytest
 from pcontact.io.checkpoint import NAME, remembering
 from pcontact.io.identity import Identity
 from pcontact.io.restart import ANYWAY, read_checkpoint
-from pcontact.mesh.hdf5_writer import convert
+from pcontact.mesh.hdf5 import convert
 from pcontact.runtime import log
 from pcontact.runtime.checksum import BLOCK, Damaged, append_checksums, verify
 from pcontact.runtime.errors import InputError

@@ -10,7 +10,7 @@ from drivers._common import make_mesh
 from meshes.blocks import one_block
 from pcontact.estimate.size import at_vertices, largest_contributions, new_sizes
 from pcontact.io.refine import read_estimate, refine_run
-from pcontact.mesh.reader import read_mesh
+from pcontact.mesh.read import read_mesh
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Body, Displacement, Load, Material, MeshSpec, Output, Scene

@@ -5,8 +5,8 @@ import pytest
 
 from meshes import two_blocks
 from pcontact.mesh.by_place import cells_by_place, facets_by_place, nodes_by_place
-from pcontact.mesh.complete import complete
-from pcontact.mesh.reader import read_mesh
+from pcontact.mesh.raw import complete
+from pcontact.mesh.read import read_mesh
 
 
 @pytest.mark.parametrize("dim", [2, 3])

@@ -6,7 +6,7 @@ import h5py
 import numpy as np
 import pytest
 
-from pcontact.mesh.reader import read_mesh
+from pcontact.mesh.read import read_mesh
 from pcontact.runtime.errors import InputError
 from tests.support.raw_meshes import check_line, check_straight, normals
 

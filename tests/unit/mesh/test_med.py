@@ -5,8 +5,8 @@ import h5py
 import numpy as np
 import pytest
 
-from pcontact.mesh.groups import facet_multiplicity
-from pcontact.mesh.reader import read_mesh
+from pcontact.mesh.raw import facet_multiplicity
+from pcontact.mesh.read import read_mesh
 from pcontact.runtime.errors import InputError
 from tests.support.raw_meshes import CELL_TYPES, check_line, check_straight, normals, stack, volume
 

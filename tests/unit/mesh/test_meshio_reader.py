@@ -4,7 +4,7 @@ import meshio
 import numpy as np
 import pytest
 
-from pcontact.mesh.reader import read_mesh
+from pcontact.mesh.read import read_mesh
 
 # two bricks on each other, with the lower face of the first one and the upper face of the second one
 POINTS = np.array([[x, y, z] for z in range(3) for y in range(2) for x in range(2)], dtype=float)

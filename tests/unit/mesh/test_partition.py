@@ -5,14 +5,12 @@ import pytest
 
 from meshes.blocks import two_blocks
 from meshes.spring import spring
-from pcontact.mesh.bisection import UNIT, Cells, bisect
-from pcontact.mesh.components import components
-from pcontact.mesh.contact_weights import contact_facets
-from pcontact.mesh.load import load_mesh
-from pcontact.mesh.partition import by_bisection, partition
-from pcontact.mesh.planes import directions
-from pcontact.mesh.reader import read_mesh
+from pcontact.mesh.bisection import UNIT, Cells, bisect, directions
+from pcontact.mesh.distribute import load_mesh
+from pcontact.mesh.partition import by_bisection, contact_facets, partition
+from pcontact.mesh.read import read_mesh
 from pcontact.mesh.slices import Corners, whole
+from pcontact.mesh.topology import components
 from pcontact.runtime.parallel import Exchanger
 from pcontact.runtime.petsc import MPI
 from tests.support.small import blocks_file, make_space

@@ -7,11 +7,11 @@ import pytest
 
 from meshes import two_blocks
 from pcontact.element.reference import CELLS, facet_nodes
-from pcontact.mesh.load import load_mesh
+from pcontact.mesh.distribute import load_mesh
 from pcontact.mesh.mesh import bounding_box
 from pcontact.mesh.plex import FACETS, MEMBERS, POLYTOPES, least_told, leaves, owners, told
-from pcontact.mesh.present import without
 from pcontact.mesh.refinement.refine import refine
+from pcontact.mesh.topology import without
 from pcontact.runtime.petsc import MPI, PETSc, call, handle
 from pcontact.space.space import Space
 from tests.support.small import blocks_file

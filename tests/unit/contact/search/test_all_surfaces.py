@@ -7,9 +7,8 @@ from drivers._common import make_mesh, running
 from drivers.cases.stack import scene as heap_scene
 from meshes import heap, one_block, two_blocks
 from pcontact.contact.search.all_surfaces import facet_ids, outer_surfaces
-from pcontact.mesh.components import components
-from pcontact.mesh.outer import once
-from pcontact.mesh.reader import read_mesh
+from pcontact.mesh.read import read_mesh
+from pcontact.mesh.topology import components, once
 from pcontact.pairs import OUTER
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import MPI

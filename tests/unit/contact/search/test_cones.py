@@ -11,9 +11,9 @@ from pcontact.contact.search.self_surface import self_surface
 from pcontact.contact.search.tree import build_tree
 from pcontact.contact.surface.facet_maps import facet_boxes
 from pcontact.contact.surface.sides import source_surface, target_surface
-from pcontact.mesh.components import components
 from pcontact.mesh.distribute import distribute
-from pcontact.mesh.reader import read_mesh
+from pcontact.mesh.read import read_mesh
+from pcontact.mesh.topology import components
 from pcontact.space.space import Space
 from tests.support.pairs import CONSTANTS
 from tests.support.self_contact import ALONE, annulus, skin_of

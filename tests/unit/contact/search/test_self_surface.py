@@ -11,9 +11,9 @@ from pcontact.contact.search.query import QueryPoints
 from pcontact.contact.search.self_surface import self_surface
 from pcontact.contact.surface.sides import source_surface, target_surface
 from pcontact.contact.unbiased import contacts_of_halves, halved
-from pcontact.mesh.components import components
 from pcontact.mesh.distribute import distribute
-from pcontact.mesh.reader import read_mesh
+from pcontact.mesh.read import read_mesh
+from pcontact.mesh.topology import components
 from pcontact.runtime.observer import Observer
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Contact

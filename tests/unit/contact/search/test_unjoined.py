@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 
 from pcontact.contact.search.unjoined import unjoined
-from pcontact.mesh.complete import complete
-from pcontact.mesh.components import components, orient
 from pcontact.mesh.distribute import distribute
-from pcontact.mesh.groups import Block, RawMesh, facets_of_nodes
-from pcontact.mesh.reader import read_mesh
+from pcontact.mesh.raw import Block, RawMesh, complete, facets_of_nodes
+from pcontact.mesh.read import read_mesh
+from pcontact.mesh.topology import components, orient
 from pcontact.runtime import log
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import Exchanger

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from pcontact.contact.surface.rigid_surface import RigidSurface
-from pcontact.mesh.surface import read_surface
+from pcontact.mesh.read import read_surface
 from pcontact.runtime.errors import InputError
 
 WHERE = "scene.toml", "contacts[0] (pair).obstacle"

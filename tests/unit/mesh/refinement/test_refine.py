@@ -6,7 +6,7 @@ import pytest
 from drivers._common import make_mesh
 from meshes import ball_on_block, rings
 from meshes.blocks import two_blocks
-from pcontact.mesh.reader import read_mesh
+from pcontact.mesh.read import read_mesh
 from pcontact.mesh.refinement.gather import gathered, halved_where
 from pcontact.mesh.refinement.refine import Balance, refine
 from pcontact.mesh.remesh import write_refined

@@ -9,10 +9,9 @@ from drivers._common import make_mesh
 from meshes import rings
 from meshes.blocks import two_blocks
 from pcontact.element.reference import CELLS, reference_nodes
-from pcontact.mesh.refinement.divisions import divisions
 from pcontact.mesh.refinement.gather import gathered
 from pcontact.mesh.refinement.refine import refine
-from pcontact.mesh.refinement.split import needs_split, split
+from pcontact.mesh.refinement.split import divisions, needs_split, split
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI

@@ -9,10 +9,9 @@ import pytest
 from drivers._common import make_mesh
 from meshes import geometries, rings
 from meshes.shells import shells, tubes
-from pcontact.mesh.complete import complete
+from pcontact.mesh.distribute import load_mesh, load_plain
 from pcontact.mesh.geometry.moving import put_on
-from pcontact.mesh.groups import Block, RawMesh
-from pcontact.mesh.load import load_mesh, load_plain
+from pcontact.mesh.raw import Block, RawMesh, complete
 from pcontact.mesh.refinement.gather import gathered
 from pcontact.mesh.refinement.refine import refine
 from pcontact.runtime.errors import InputError

@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 
 from pcontact.element.reference import CELLS, facet_nodes, reference_nodes
-from pcontact.mesh import gmsh_reader
-from pcontact.mesh.complete import complete, number_rows
-from pcontact.mesh.components import components, mirror
-from pcontact.mesh.groups import Block, RawMesh, facet_multiplicity, facets_of_nodes
+from pcontact.mesh import msh
 from pcontact.mesh.msh import VTK_ORDER
-from pcontact.mesh.reader import read_mesh
+from pcontact.mesh.raw import Block, RawMesh, complete, facet_multiplicity, facets_of_nodes, number_rows
+from pcontact.mesh.read import read_mesh
+from pcontact.mesh.topology import components, mirror
 from pcontact.runtime import log
 from pcontact.runtime.errors import InputError
 from tests.support.raw_meshes import (
@@ -97,7 +96,7 @@ def test_gmsh_formats(session, tmp_path, monkeypatch, cell, order, version, bina
     """Those of today without gmsh; others are translated by gmsh in a process of its own."""
     path = _write(tmp_path / "m.msh", cell, order, 0, version, binary)
     if version in (1, 4.0):
-        monkeypatch.setattr(gmsh_reader, "available", lambda: False)
+        monkeypatch.setattr(msh, "available", lambda: False)
         with pytest.raises(InputError, match=f"version {version:g} .*gmsh") as caught:
             read_mesh(path)
         check_line(caught.value, path)

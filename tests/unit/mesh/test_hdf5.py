@@ -9,10 +9,9 @@ import pytest
 
 from meshes.blocks import two_blocks
 from pcontact.build import read
-from pcontact.mesh.hdf5_reader import ConvertedMesh
-from pcontact.mesh.hdf5_writer import convert
-from pcontact.mesh.load import load_mesh
-from pcontact.mesh.reader import read_mesh
+from pcontact.mesh.distribute import load_mesh
+from pcontact.mesh.hdf5 import ConvertedMesh, convert
+from pcontact.mesh.read import read_mesh
 from pcontact.runtime import log
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.options import Options

@@ -5,9 +5,8 @@ import pytest
 
 from meshes.blocks import one_block
 from pcontact.element.reference import facet_nodes
-from pcontact.mesh.components import components
-from pcontact.mesh.reader import complete, read_mesh
-from pcontact.mesh.section import OTHER, cut, plane
+from pcontact.mesh.read import complete, read_mesh
+from pcontact.mesh.topology import OTHER, components, cut, plane
 from pcontact.runtime.errors import InputError
 
 

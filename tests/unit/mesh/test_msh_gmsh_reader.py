@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from pcontact.mesh.geometry.drawing import opened
-from pcontact.mesh.reader import read_mesh
+from pcontact.mesh.geometry.belonging import opened
+from pcontact.mesh.read import read_mesh
 from pcontact.runtime.errors import InputError
 
 # two bricks on each other, with the lower face of the first one and the upper face of the second one
