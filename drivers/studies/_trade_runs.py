@@ -27,7 +27,7 @@ KNOBS = {
     "krylov": (("ew", 1e-1), ("ew", 1e-2), 1e-1, 1e-2, 1e-6),
     "steps": (2,),
     "partners": (1.0, 1e-4),
-    "patience": (-1, 30),
+    "patience": (-1,),
     "jacobian": (2,),
     "straight": (True,),
 }
@@ -77,9 +77,10 @@ def changed(scene: Scene, knobs: dict) -> Scene:
             if scene.mesh.order == CHOICES[value].order:
                 # for the preset to find
                 scene.mesh.order = None
+        elif key == "patience":
+            petsc["newton_without"] = "reuse"
         elif key not in ("steps", "straight"):
-            name = {"snes": "snes_rtol", "partners": "contact_partner_rtol", "patience": "pc_patience",
-                    "jacobian": "snes_lag_jacobian"}[key]  # fmt: skip
+            name = {"snes": "snes_rtol", "partners": "contact_partner_rtol", "jacobian": "snes_lag_jacobian"}[key]
             petsc[name] = value
     scene.petsc = {**scene.petsc, **petsc}
     return scene

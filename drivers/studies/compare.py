@@ -74,7 +74,6 @@ def make_scene(mesh: Path, name: str, gamma0: float, order: int) -> Scene:
         title=f"{name}, gamma0 {gamma0:g}",
         # what a gamma0 does is the question here
         allow_unsafe=["gamma0"],
-        petsc={"contact_uzawa_grow": "false", "contact_uzawa_accept": "true"} if "augmented" in formulation else {},
     )
 
 

@@ -58,7 +58,7 @@ ALL = SCENES | HELD_BACK
 # [s] Below, the best of three loops counts after a first one, and the best of three runs: what is loaded or compiled
 # when it is first used is no part of either.
 SHORT = 8.0
-BEST = {"quadrature": 3, "snes": 1e-3, "krylov": 0.01, "patience": 30, "again": 1}
+BEST = {"quadrature": 3, "snes": 1e-3, "krylov": 0.01, "again": 1}
 ABOUT = """# What naming an error costs
 
 `python drivers/studies/named_cost.py` writes this page (`--scene` by `--scene`, then `--join` and `--publish`). It runs

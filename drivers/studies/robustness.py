@@ -31,8 +31,8 @@ HEURISTICS = {
     "step_limit": {"newton_without": "step_limit"},
     "stabilisation": {"newton_without": "stabilisation"},
     "alpha": {"contact_alpha": "1"},
-    "direct": {"pc_rescue": "false"},
-    "reuse": {"pc_patience": "-1"},
+    "direct": {"newton_without": "direct"},
+    "reuse": {"newton_without": "reuse"},
 }
 # Newton iterations over those of the yardstick that are no error
 GROWTH = 1.05

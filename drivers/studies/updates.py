@@ -114,7 +114,6 @@ def solve(case: Scene, variant: str, friction: float) -> dict | None:
     for one in case.contacts:
         one.formulation, one.friction = AUGMENTED, friction
     contact.unbiased = variant != VARIANTS[0] and not alike
-    case.petsc = {**case.petsc, "contact_uzawa_accept": "true"}
     watch = Counts()
     with each_alone() if variant == VARIANTS[1] else nullcontext(), running(case, None, [watch]) as (_, converged):
         pass

@@ -42,9 +42,6 @@ PARTNER_RTOL, PARTNERS = "contact_partner_rtol", 0.01
 # [-] Part of the target below which what is only known roughly is taken for nothing where meshes are chosen. From: it
 # is less than the margin that they are made with.
 NOTICED = 0.01
-# [unknowns] Below which meshes are factorised: multigrid takes twice as long for some hundred. From: chosen; blocks and
-# cylinders in the plane, 104 to 404 unknowns.
-FEW = 500
 # [unknowns] Below which meshes of the plane are factorised where bodies yield or rub, on any number of ranks. From: all
 # for which there are factors; a ball pressed into metal takes 0.6 times as long so on 12,776 unknowns, 0.7 times with
 # friction on 3,000. Beside multigrid and linear solves to 1e-3, loops of laminates (1 and 2 %) take 0.6 times as long
@@ -168,13 +165,13 @@ class Settings:
         scene.output.estimate, scene.steps.count, scene.mesh.order = True, self.steps, self.degree.now or 1
         # looser partners and tolerances than the mesh deserves are no place to save
         partners = (0.1 if self.searches else 1.0) * PARTNERS * self.goal
-        ours = {"snes_rtol": f"{self._rtol:.3g}", PARTNER_RTOL: f"{partners:.3g}", "pc_direct_below": str(FEW)}
+        ours = {"snes_rtol": f"{self._rtol:.3g}", PARTNER_RTOL: f"{partners:.3g}"}
         if self._scene.remembers:
             # what flows hardly changes its volume, and what rubs has iterates that hang on each solve: multigrid takes
             # many iterations. See `FACTORISED`
-            ours["pc_direct_plane"] = str(FACTORISED)
+            ours["pc_direct_below"] = str(FACTORISED)
         elif self._ranks == 1:
-            ours["pc_direct_plane"] = str(ALONE)
+            ours["pc_direct_below"] = str(ALONE)
         if self.searches or self._scene.frictional:
             # iterates are to be the same on any number of ranks
             ours |= dict.fromkeys(FORCING, f"{FORCED:g}")

@@ -173,7 +173,8 @@ SECTIONS = {
 }
 # of Newton's method, each of which may be left out
 HEURISTICS = (
-    "prediction", "opening", "half_step", "line_search", "correction", "step_limit", "stabilisation",
+    "prediction", "opening", "half_step", "line_search", "correction", "step_limit", "stabilisation", "direct",
+    "reuse",
 )  # fmt: skip
 # those of earlier versions: left out anyway, and a warning says so
 FORMER_HEURISTICS = ("stick_first", "cycles", "waiting")
@@ -189,10 +190,6 @@ OPTIONS = listed(
         section="contact", more="see below",
     ),
     Option(
-        "contact_search_every", choice("step", "newton"),
-        "does nothing any more: partners are found again in every load step", "step", section="contact",
-    ),
-    Option(
         "contact_uzawa_rtol", POSITIVE,
         "augmented Lagrangian: change of the multipliers relative to the traction at which a load step ends", 1e-4,
         section="contact",
@@ -204,42 +201,16 @@ OPTIONS = listed(
         "shorter one would settle no faster, the run ends (after one cut, where the changes do not tell the rate)",
     ),
     Option(
-        "contact_uzawa_grow", BOOLEAN,
-        "augmented Lagrangian: a gamma0 below the default grows tenfold from update to update, up to the default", True,
-        section="contact", more="in each load step anew; the answer does not depend on gamma",
-    ),
-    Option(
-        "contact_uzawa_accept", BOOLEAN,
-        "augmented Lagrangian: a load step whose multipliers are far from settled ends all the same, with a warning",
-        False, section="contact",
-    ),
-    Option(
         "newton_without", sequence("a list of " + choice(*HEURISTICS).allowed, choice(*HEURISTICS, *FORMER_HEURISTICS)),
         "heuristics of Newton's method to leave out", otherwise="none", section="solver",
         more="see [robustness.md](robustness.md)",
     ),
     Option(
-        "pc_patience", integer(-1),
-        "Krylov iterations that a preconditioner may lose before it is set up again; -1: always set up again", 10,
-        section="solver",
-    ),
-    Option(
         "pc_direct_below", integer(0),
-        "unknowns below which one rank factorises linear systems instead of taking multigrid", 0, section="solver",
-        more="only if the user chose no preconditioner; where an error is named, 500",
-    ),
-    Option(
-        "pc_direct_plane", integer(0),
-        "the same in the plane, on any number of ranks", 0, section="solver",
-        more="up to 400,000, and on several ranks with MUMPS; where an error is named of bodies that rub or yield, "
-        "400,000; of others, on one rank, 30,000",
-    ),
-    Option(
-        "pc_rescue", BOOLEAN,
-        "a direct solver from the first load step on in which Newton's method fails with multigrid", True,
-        section="solver",
-        more="MUMPS, or on one rank PETSc's own if that is missing; only if the user chose no preconditioner and there "
-        "are at most 400,000 unknowns in the plane, 60,000 in space",
+        "unknowns below which linear systems of the plane are factorised, on any number of ranks", 0, section="solver",
+        more="only if the user chose no preconditioner; up to 400,000, and on several ranks with MUMPS. In space on "
+        "one rank, 500 at most. Where an error is named of bodies that rub or yield, 400,000; of others, on one rank, "
+        "30,000",
     ),
     Option(
         "pc_contact_filter", choice("auto", "true", "false"),
@@ -280,7 +251,16 @@ PETSC = listed(
     Option("vec_type", ANY_TEXT, "type of the vectors that they are solved for"),
 )
 # old names of options -> new names; the old ones still do, and are warned of once
-RENAMED: dict[str, str] = {}
+RENAMED: dict[str, str] = {"pc_direct_plane": "pc_direct_below"}
+# options of earlier versions, and what takes their place
+FORMER = {
+    "contact_search_every": "partners are found again in every load step",
+    "contact_uzawa_accept": "a load step whose multipliers are far from settled has not converged; "
+    "-contact_uzawa_max_it N",
+    "contact_uzawa_grow": "a gamma0 below the default always grows from update to update",
+    "pc_patience": "-newton_without reuse sets the preconditioner up for every tangent",
+    "pc_rescue": "-newton_without direct keeps multigrid where it fails",
+}
 # of commands that look at the results of a run
 STEP = Option(
     "step", Rule("a whole number: 1 is the first step, -1 the last, 0 undeformed", int, {"type": "integer"}),

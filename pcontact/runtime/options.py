@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from pcontact.runtime import log
-from pcontact.runtime.declared import COMMAND_LINE, OPTIONS, PETSC, RENAMED
+from pcontact.runtime.declared import COMMAND_LINE, FORMER, OPTIONS, PETSC, RENAMED
 from pcontact.runtime.errors import InputError, SolverError
 from pcontact.runtime.petsc import PETSc, has_package, option_used, unknown_options
 
@@ -214,7 +214,8 @@ class Options:
         self.entered.clear()
 
     def strange(self):
-        """Lines about options that neither the program nor PETSc knows, whatever is set up later.
+        """Lines about options that neither the program nor PETSc knows, whatever is set up later, and about those that
+        it had once.
 
         Notes
         -----
@@ -222,8 +223,8 @@ class Options:
         """
         ours = {*OPTIONS, *RENAMED, *self.known, *COMMAND_LINE}
         names = [name.lstrip("-") for name in self._db.getAll()]
-        self.told = unknown_options([name for name in names if name not in ours])
-        lines = []
+        lines = [f"option -{name} does nothing any more: {FORMER[name]}" for name in FORMER if self._db.hasName(name)]
+        self.told = unknown_options([name for name in names if name not in {*ours, *FORMER}])
         for name, near in self.told.items():
             near = next(iter(difflib.get_close_matches(name, ours, 1, 0.8)), near)
             hint = f"; the nearest is -{near}" if near else ""

@@ -9,6 +9,9 @@ from pcontact.solve.preconditioners.contact import MULTIGRID, preconditioner
 
 # [-] The area in contact may grow by this factor before the preconditioner is set up again. Row: reuse.
 GROWN = 2.0
+# [iterations] Of the Krylov method, that a preconditioner may lose before it is set up again. Row: reuse. From: 30,
+# and a set-up for every tangent, take as long.
+LOST_ITERATIONS = 10
 # [ranks] So many at most take W cycles of multigrid: on many, coarse levels wait for messages, and W cycles visit them
 # often. From: chosen; more ranks than that were not measured.
 FEW = 64
@@ -29,15 +32,9 @@ class Reuse:
 
     A set-up costs as much as some twenty Krylov iterations, and a few points that open or close hardly change what a
     preconditioner is worth; many that close do. Counts decide, not clocks: a run repeats itself.
-
-    Parameters
-    ----------
-    patience : int
-        Iterations beyond those expected of a fresh preconditioner that are still accepted.
     """
 
-    def __init__(self, patience):
-        self.patience = patience
+    def __init__(self):
         self.forget()
 
     @property
@@ -66,7 +63,7 @@ class Reuse:
         iterations = ksp.getIterationNumber()
         if self._fresh:
             self._rate = iterations / decades
-        self._fresh = iterations > self._rate * decades + self.patience
+        self._fresh = iterations > self._rate * decades + LOST_ITERATIONS
         if self._fresh:
             self._area = area
         return not self._fresh

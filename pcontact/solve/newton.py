@@ -98,7 +98,8 @@ class Newton:
         warn_of_krylov(symmetric, krylov)
         defaults |= solver_defaults(symmetric, problem.space.comm.size, krylov) | (PIVOTS if direct else {}) | small
         self.applied, self.kept_out = options.propose(defaults)
-        self._fallback = DirectFallback(options, problem.space, direct or "pc_type" in self.kept_out or lags)
+        stays = direct or "pc_type" in self.kept_out or lags or "direct" in self._without
+        self._fallback = DirectFallback(options, problem.space, stays)
         self._filter = deflation(problem, options) or contact_preconditioner(problem, options)
         base = choose_operator(problem.matrix, options, symmetric, direct, self._filter)
         if base is not problem.matrix.operator and options.get("pc_type") in MULTIGRID:
@@ -118,8 +119,7 @@ class Newton:
         self._take_options()
         # Python hears signals only where it runs; a Krylov iteration is long beside the microsecond that this takes
         self.snes.getKSP().setMonitor(_hear)
-        patience = options.get("pc_patience")
-        self._reuse = None if lags or direct or motions or patience < 0 else Reuse(patience)
+        self._reuse = None if lags or direct or motions or "reuse" in self._without else Reuse()
         self.solver = self._solver(symmetric, len(near_null_space.getVecs()))
         problem.stabilised = "stabilisation" not in self._without
         # whether a run begins with a prediction; what looks for partners at iterates, while there is such a thing

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pcontact.runtime import log, profile
+from pcontact.runtime import profile
 from pcontact.runtime.petsc import MPI
 from pcontact.solve.result import combined
 from pcontact.stepping.uzawa import uzawa
@@ -165,8 +165,6 @@ def updates(problem, newton, options):
 
 
 def _partner_update(problem, newton, options, settle):
-    if options.get("contact_search_every") == "newton":
-        log.warning("-contact_search_every newton does nothing: partners are found again in every load step")
     most = options.get("contact_search_again")
     items = [item for item in problem.others if item.follows or (item.verifies and most > 0)]
     if not items:

@@ -32,15 +32,10 @@ class Uzawa:
         Change of the multipliers, relative to the traction, at which they have settled.
     max_it : int
         Updates of a load step at most.
-    grow : bool
-        Whether gamma grows with the updates where it is smaller than the default one.
-    accept : bool
-        Whether a load step may end with multipliers that are far from settled.
     """
 
-    def __init__(self, contacts, solver, rtol, max_it, grow, accept):
+    def __init__(self, contacts, solver, rtol, max_it):
         self.contacts, self.solver, self.rtol, self.max_it = contacts, solver, rtol, max_it
-        self.grow, self.accept = grow, accept
         self._failed = False
 
     def __call__(self, u, result):
@@ -74,9 +69,8 @@ class Uzawa:
             sizes.append([size for _, size in changes])
             if change <= self.rtol or last:
                 break
-            if self.grow:
-                for pair in (pair for pairs in self.contacts for pair in pairs):
-                    pair.method.stiffen()
+            for pair in (pair for pairs in self.contacts for pair in pairs):
+                pair.method.stiffen()
             then = self.solver.again(u)
             updates += 1
             result = combined(result, then)
@@ -108,14 +102,14 @@ class Uzawa:
             f"contact {name}: multipliers still change by {change:.1e} of the traction after {updates} updates "
             f"(-contact_uzawa_rtol {self.rtol:.1e})"
         )
-        if self.accept or change <= CREEP:
+        if change <= CREEP:
             self._failed = False
             log.warning("%s", text)
             return result
         left = rate(sizes)
         final, self._failed = self._failed or left is not None, True
         text += "; a shorter load step does not change that" if final else ""
-        text += f"; remedy: {_remedy(left, updates, self.rtol / change)}; -contact_uzawa_accept takes it as it is"
+        text += f"; remedy: {_remedy(left, updates, self.rtol / change)}"
         return replace(result, converged=False, reason=text, final=final)
 
 
@@ -149,5 +143,4 @@ def uzawa(contacts, solver, options):
     contacts = [contact.pairs for contact in contacts if isinstance(contact.method, AugmentedLagrangian)]
     if not contacts:
         return None
-    names = ("rtol", "max_it", "grow", "accept")
-    return Uzawa(contacts, solver, *(options.get(f"contact_uzawa_{name}") for name in names))
+    return Uzawa(contacts, solver, options.get("contact_uzawa_rtol"), options.get("contact_uzawa_max_it"))

@@ -26,7 +26,7 @@ APART = 0.1
 # of a reference cell by which a point on the border of two cells is in both
 EDGE = 1e-9
 # words of warnings that say that partners were wrong
-SAID = ("smaller load steps", "contact_search_every", "inside", "search_radius", "search radius", "overlap",
+SAID = ("smaller load steps", "inside", "search_radius", "search radius", "overlap",
         "multipliers")  # fmt: skip
 
 

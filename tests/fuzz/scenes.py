@@ -563,8 +563,6 @@ def _across(draw, scene, d, order, several=False):
         up = features.UP[d]
         contact = _pair(draw, kind, f"middle_{up}0", f"low_{up}1", d, order, 1)
         contact.pop("interference", None)
-    if draw.chance("newton", 0.3):
-        scene["petsc"] = {"contact_search_every": "newton"}
     scene["contacts"].append(contact)
 
 

@@ -87,15 +87,26 @@ def test_names_that_nobody_knows():
     """They are told when the run begins, whenever PETSc would ask for them; with two dashes, too."""
     known = (
         "-snes_rtol 1e-3 --snes_atol 0 -mg_levels_2_ksp_type richardson -log_view "
-        "-contact_theta 1 -contact_filter_pc_type lu -sub_pc_factor_levels 1 -o there -pc_patience 3"
+        "-contact_theta 1 -contact_filter_pc_type lu -sub_pc_factor_levels 1 -o there -pc_direct_below 3"
     )  # fmt: skip
     assert [line for line in said(known) if "contact_theta" not in line] == []
     (line,) = said("-snes_rtoll 1e-3")
     assert line == "option -snes_rtoll: neither pcontact nor PETSc has it; the nearest is -snes_rtol"
     (line,) = said("--pc_gamg_thresold 0.1")
     assert line.endswith("the nearest is -pc_gamg_threshold")
-    (line,) = said("-pc_patiense 3")
-    assert line.endswith("the nearest is -pc_patience")
+    (line,) = said("-pc_direct_belov 3")
+    assert line.endswith("the nearest is -pc_direct_below")
+
+
+def test_names_that_the_program_once_had():
+    """They say what takes their place; one with a new name still does."""
+    lines = said("-pc_rescue false -pc_patience -1 -contact_uzawa_accept -contact_search_every newton")
+    assert len(lines) == 4 and all(" does nothing any more: " in line for line in lines)
+    assert "-newton_without direct" in next(line for line in lines if "-pc_rescue" in line)
+    with own_options():
+        options = Options()
+        options.give("-pc_direct_plane 7")
+        assert options.strange() == [] and options.get("pc_direct_below") == 7
 
 
 def test_they_are_named_once(tmp_path):

@@ -481,7 +481,7 @@ OPTIONS = {
     "no tolerance": option(["-snes_rtol: found 'nan'", "from 0 to below 1"], "-snes_rtol", "nan"),
     "large tolerance": option(["-ksp_rtol: found '2'", "from 0 to below 1"], "-ksp_rtol", "2"),
     "inexact tolerance": option(["-snes_ksp_ew_rtol0: found '5'", "below 1"], "-snes_ksp_ew_rtol0", "5"),
-    "patience": option(["-pc_patience: found '-7'", "an integer >= -1"], "-pc_patience", "-7"),
+    "direct_below": option(["-pc_direct_below: found '-7'", "an integer >= 0"], "-pc_direct_below", "-7"),
     "searches": option(["-contact_search_again: found '-1'", "an integer >= 0"], "-contact_search_again", "-1"),
     "number that is not finite": option(["-partition_weight: found 'inf'"], "-partition_weight", "inf"),
     "number beyond arithmetic": option(["-contact_gamma0", "between 1e-60 and 1e.60"], "-contact_gamma0", "1e300"),

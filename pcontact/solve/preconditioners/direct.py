@@ -10,6 +10,9 @@ from pcontact.runtime.petsc import LEAST_PIVOT, can_factorise, has_package
 
 # [%] Of the work space, that MUMPS adds to its estimate. From: chosen.
 MUMPS_SPARE = 60
+# [unknowns] In space, below which one rank factorises at most where few unknowns are to be: multigrid takes twice as
+# long for some hundred. From: chosen; factors of cells in space fill faster than those of the plane.
+MOST_IN_SPACE = 500
 # what SNES calls a linear solve that failed, and Newton's method that gets nowhere: on badly scaled tangents residuals
 # of the Krylov method are small where corrections are still wrong
 FAILED = "diverged linear solve"
@@ -19,7 +22,7 @@ PIVOTS = {"pc_factor_zeropivot": LEAST_PIVOT}
 
 def factors(options, space):
     """Defaults with which the linear systems of a problem are factorised from the beginning, as the user wants it of
-    few unknowns, or in the plane; empty: they are not.
+    few unknowns; empty: they are not.
 
     Bodies that nothing but contact holds have pivots of the size of their stabilisation where they touch nothing yet,
     a millionth of their stiffness: the Krylov method, which has factors to precondition it, mends what these lose.
@@ -34,14 +37,12 @@ def factors(options, space):
     dict of str to object
     """
     ranks, unknowns = space.comm.size, space.n_dofs
-    # both are asked for, whatever the scene: an option that is not is told to the user as a mistake
-    few, plane = (unknowns < options.get(one) for one in ("pc_direct_below", "pc_direct_plane"))
-    if options.given("pc_type") or options.given("snes_lag_preconditioner"):
+    few = unknowns < options.get("pc_direct_below")
+    if not few or options.given("pc_type") or options.given("snes_lag_preconditioner"):
         return {}
-    if ranks == 1 and few:
-        return {"pc_type": "lu"} | PIVOTS
-    plane = plane and space.dim == 2
-    return direct_options(has_package("mumps")) if plane and can_factorise(ranks, space.dim, unknowns) else {}
+    if space.dim == 2:
+        return direct_options(has_package("mumps")) if can_factorise(ranks, space.dim, unknowns) else {}
+    return {"pc_type": "lu"} | PIVOTS if ranks == 1 and unknowns < MOST_IN_SPACE else {}
 
 
 class DirectFallback:
@@ -53,15 +54,14 @@ class DirectFallback:
         That have proposed the present solver.
     space : pcontact.space.space.Space
     chosen : bool
-        Whether the user chose the preconditioner: it then stays.
+        Whether the user chose the preconditioner, or does without this: it then stays.
     """
 
     def __init__(self, options, space, chosen):
-        wanted = options.get("pc_rescue")
         self._options, self._space = options, space
         self._serial = space.comm.size == 1
         able = can_factorise(space.comm.size, space.dim, space.n_dofs)
-        self.possible = bool(wanted and able and not chosen)
+        self.possible = bool(able and not chosen)
         self.active = False
 
     def takes_over(self, result):
@@ -74,7 +74,7 @@ class DirectFallback:
         if result.converged or result.reason not in HOPEFUL or self.active or not self.possible:
             return False
         what = "the Krylov method failed" if result.reason == FAILED else "Newton's method did not converge"
-        log.info("%s with multigrid: direct solver from here on (-pc_rescue false: never)", what)
+        log.info("%s with multigrid: direct solver from here on (-newton_without direct: never)", what)
         self.choose()
         return True
 

@@ -22,7 +22,7 @@ def _options(petsc=None, ranks=2, **contact):
 def test_linear_systems_are_solved_well_where_bodies_rub_or_yield():
     """By factors in the plane; where bodies rub, by multigrid, too. The user's own options stay. One rank also has
     factors where nothing rubs or yields, up to fewer unknowns."""
-    tight, plane, loose = "snes_ksp_ew_rtolmax", "pc_direct_plane", _options()
+    tight, plane, loose = "snes_ksp_ew_rtolmax", "pc_direct_below", _options()
     assert tight not in loose and plane not in loose and _options(ranks=1)[plane] == "30000"
     rubs, yields = _options(friction=0.3), _options(yield_stress=0.1)
     assert rubs[plane] == yields[plane] == "400000" and rubs[tight] == "1e-08" and tight not in yields

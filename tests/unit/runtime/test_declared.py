@@ -60,7 +60,7 @@ def test_defaults_of_options_are_allowed():
 @pytest.mark.parametrize(
     ("option", "text", "value"),
     [
-        (OPTIONS["pc_rescue"], "", True), (OPTIONS["pc_rescue"], "OFF", False), (OPTIONS["pc_patience"], "-1", -1),
+        (OPTIONS["no_code"], "", True), (OPTIONS["no_code"], "OFF", False), (OPTIONS["pc_direct_below"], "7", 7),
         (OPTIONS["pc_contact_filter"], "", "true"), (OPTIONS["contact_uzawa_rtol"], "1e-3", 1e-3),
     ],
 )  # fmt: skip
@@ -71,8 +71,8 @@ def test_options_read(option, text, value):
 @pytest.mark.parametrize(
     ("name", "text", "message"),
     [
-        ("pc_rescue", "maybe", "command line: -pc_rescue: found 'maybe'; allowed: true | false"),
-        ("pc_patience", "1.5", "command line: -pc_patience: found '1.5'; allowed: an integer >= -1"),
+        ("no_code", "maybe", "command line: -no_code: found 'maybe'; allowed: true | false"),
+        ("pc_direct_below", "1.5", "command line: -pc_direct_below: found '1.5'; allowed: an integer >= 0"),
         ("pc_contact_filter", "on", "command line: -pc_contact_filter: found 'on'; allowed: auto | true | false"),
         ("contact_uzawa_rtol", "nan", "command line: -contact_uzawa_rtol: found 'nan'; allowed: a number > 0"),
         ("contact_uzawa_rtol", "", "command line: -contact_uzawa_rtol: found nothing; allowed: a number > 0"),

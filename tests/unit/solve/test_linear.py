@@ -12,9 +12,10 @@ def solve(iterations, rtol=1e-3):
     return SimpleNamespace(getTolerances=lambda: (rtol, 0.0, 0.0, 500), getIterationNumber=lambda: iterations)
 
 
-def test_kept_while_it_takes_few_iterations_more():
+def test_kept_while_it_takes_few_iterations_more(monkeypatch):
     """The first solve sets up; what a fresh one takes for a decade is the measure."""
-    reuse = Reuse(5)
+    monkeypatch.setattr("pcontact.solve.linear.LOST_ITERATIONS", 5)
+    reuse = Reuse()
     assert not reuse.keep(solve(0), 1.0)
     assert reuse.keep(solve(9), 1.0), "a fresh one took 3 for a decade"
     assert reuse.keep(solve(14), 1.0), "5 more are allowed"
@@ -25,7 +26,7 @@ def test_kept_while_it_takes_few_iterations_more():
 
 
 def test_contact_that_grows_renews_it():
-    reuse = Reuse(1000)
+    reuse = Reuse()
     reuse.keep(solve(0), 1.0)
     assert reuse.keep(solve(9), 0.99 * GROWN)
     assert not reuse.keep(solve(9), 1.01 * GROWN)
@@ -33,7 +34,7 @@ def test_contact_that_grows_renews_it():
 
 
 def test_forgotten_at_a_load_step():
-    reuse = Reuse(1000)
+    reuse = Reuse()
     reuse.keep(solve(0), 1.0)
     assert reuse.keep(solve(9), 1.0)
     reuse.forget()
