@@ -114,20 +114,17 @@ class GroundSprings(LinearForces):
         return self._stiffness * np.einsum("nqab,nqi,nqj->nabij", products, patch.normals, patch.normals)
 
     def hold(self, modes):
-        """Work of motions (n_modes, n_local, d) of the bodies against each other (n_components, n_modes, n_modes), of
-        this rank, in parts of the largest stiffness.
+        """Work of motions (n_modes, n_local, d) of the bodies, translations first, against each other (n_components,
+        n_modes, n_modes), of this rank, in parts of that of all translations. *Collective.*
         """
         nodes, rowptr, columns, values = self._local
         rows = np.repeat(np.arange(len(nodes)), np.diff(rowptr))
         work = np.einsum("mki,kij,nkj->kmn", modes[:, nodes[rows]], values, modes[:, nodes[columns]])
         held = np.zeros((self.space.mesh.n_components, len(modes), len(modes)))
         np.add.at(held, self.space.component[nodes[rows]], work)
-        return held / self._scale
-
-    @property
-    def _scale(self):
-        """Largest stiffness of a direction, so that what holds does not depend on units."""
-        return float(np.max(self._stiffness))
+        # so that what holds does not depend on units
+        ways = range(self.space.dim)
+        return held / self.space.comm.allreduce(float(held[:, ways, ways].sum()))
 
     def record(self, u):
         """Force of the springs on the bodies, for the report. *Collective.*"""

@@ -167,16 +167,21 @@ def near_null_space(space, colours, u=None, followers=None):
 
 
 def body_modes(space, nodes):
-    """Rigid modes (n_modes, n, d) at local nodes, each about the centre of the node's body; turns in units of its size.
-    *Collective.*
+    """Rigid modes (n_modes, n, d) of the plane or of space at local nodes, each about the centre of the node's body;
+    turns in units of its size. *Collective.*
 
-    With axial symmetry the only one is the translation along the axis.
+    With axial symmetry only some of them are motions without strain, see :func:`strain_free`.
     """
     centre, scale = component_frames(space)
     component = space.component[nodes]
     modes = rigid_modes(space.points[nodes], centre[component], 1.0)
     modes[space.dim :] /= np.where(scale > 0, scale, 1.0)[component][None, :, None]
-    return modes[1:2] if space.axisymmetric else modes
+    return modes
+
+
+def strain_free(space):
+    """Those of :func:`body_modes` that strain nothing: with axial symmetry the translation along the axis."""
+    return slice(1, 2) if space.axisymmetric else slice(None)
 
 
 def free_motions(space, supports, springs=()):
@@ -192,7 +197,7 @@ def free_motions(space, supports, springs=()):
     Returns
     -------
     dict of int to ndarray (m, n_modes)
-        Orthonormal combinations of :func:`body_modes`.
+        Orthonormal combinations of :func:`body_modes` that are :func:`strain_free`.
     """
     nodes, axes = np.nonzero(supports.fixed)
     modes = body_modes(space, np.arange(space.n_local))
@@ -202,10 +207,11 @@ def free_motions(space, supports, springs=()):
     for spring in springs:
         gram += spring.hold(modes)
     space.comm.Allreduce(MPI.IN_PLACE, gram, op=MPI.SUM)
-    free = {}
+    free, some = {}, strain_free(space)
     for k, g in enumerate(gram):
-        values, vectors = np.linalg.eigh(g)
-        left = values <= 1e-10 * max(values[-1], 1e-300)
+        values, vectors = np.linalg.eigh(g[some, some])
+        # what holds other motions, too, says what is a rounding error
+        left = values <= 1e-10 * max(np.trace(g), 1e-300)
         if left.any():
             free[k] = vectors[:, left].T
     return free
@@ -243,7 +249,7 @@ class RigidBodies:
     def __init__(self, space, weight, motions):
         own = space.owned_local
         self.space, self.bodies, self._weight = space, sorted(motions), weight
-        modes = body_modes(space, own)
+        modes = body_modes(space, own)[strain_free(space)]
         place = np.full(space.mesh.n_components, -1, dtype=np.int64)
         place[self.bodies] = np.arange(len(self.bodies))
         self._place = place[space.component[own]]

@@ -18,7 +18,19 @@ from pcontact.material.elastic import in_plane, lame
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import MPI
 from pcontact.scene import amplitude, read_scene
-from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Obstacle, Output, Scene
+from pcontact.scene.model import (
+    Body,
+    Contact,
+    Coupling,
+    Displacement,
+    Load,
+    Material,
+    MeshSpec,
+    Obstacle,
+    Output,
+    Scene,
+    Spring,
+)
 from pcontact.simulation import Simulation
 from pcontact.space.space import Space
 from tests.support.kinematics import DIRECT, INNER, NU, OUTER, PRESSURE, E, cylinder, mesh, nodal, solved, strip
@@ -443,6 +455,30 @@ def test_only_the_axial_translation_is_a_rigid_mode(tmp_path, lower):
         simulation = Simulation(scene)
         assert simulation.floating == left
         simulation.close()
+
+
+@pytest.mark.parallel(2)
+@pytest.mark.parametrize("lower", [0.0, 1.0])
+def test_rounding_errors_of_a_group_hold_no_body(tmp_path, lower):
+    """A rigid group holds turns and what is radial: of the axial translation that is nothing."""
+    scene = scene_of(tmp_path, lower=lower)
+    one_block(tmp_path / "b.msh", 2, 7, lower=(lower, 0.1), size=(0.37, 0.7), cell="triangle")
+    scene.displacements, scene.couplings = [], [Coupling("bottom"), Coupling("top")]
+    simulation = Simulation(scene)
+    assert simulation.floating == {0: 1}
+    simulation.close()
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e-6])
+def test_springs_hold_a_body_in_any_unit(tmp_path, unit):
+    one_block(tmp_path / "b.msh", 3, 2, size=unit)
+    text = SCENE.format(kinematics="", value="'free', 'free'").replace('kinematics = ""', "")
+    (tmp_path / "s.toml").write_text(text)
+    scene = read_scene(tmp_path / "s.toml")
+    scene.springs = [Spring("bottom", stiffness=[3.0, 3.0, 0.0])]
+    simulation = Simulation(scene)
+    assert simulation.floating == {}
+    simulation.close()
 
 
 @pytest.mark.parametrize("kinematics", ["plane_strain", "plane_stress", "axisymmetric"])
