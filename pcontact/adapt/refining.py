@@ -105,8 +105,8 @@ class Refining:
         if kinds <= set(HALVED):
             return mesh
         self.choice.must(kinds, mesh.dim)
-        self.whole, balance = False, Balance(*build.balance(scene, self._options))
-        return split(mesh, (), balance).mesh
+        self.whole = False
+        return split(mesh, (), Balance(*build.balance(scene, self._options))).mesh
 
     def look(self, space, watch, alike=True):
         """What the last mesh tells of singular points, see :meth:`pcontact.adapt.singularities.Corners.look`.

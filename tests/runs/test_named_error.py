@@ -91,8 +91,8 @@ def test_straight_facets_stay_without_the_geometry(tmp_path):
     scene, _ = shrink_fit(tmp_path)
     scene.accuracy = Target(0.1)
     loop = Loop(scene)
-    assert loop.run().status == SPENT and [one.degree for one in loop.passes] == [1, 2]
-    assert loop.passes[1].parts["straight_facets"] > 0.5 and "straight_facets" not in loop.passes[0].parts
+    assert loop.run().status == SPENT and len(loop.passes) == 1
+    assert loop.passes[0].parts["straight_facets"] > 0.5
 
 
 def test_facets_come_onto_the_geometry(tmp_path):

@@ -1,4 +1,4 @@
-"""What gaps of curved facets do, against what is left of it on finer meshes."""
+"""What facets do that stand for curved surfaces, against what is left of it on finer meshes."""
 
 from functools import partial
 
@@ -12,8 +12,10 @@ from meshes import rings as ring_mesh
 from pcontact import build
 from pcontact.adapt import roughness
 from pcontact.adapt.history import Watch
+from pcontact.adapt.secondary import of_facets
 from pcontact.mesh.refinement.refine import Balance, refine
 from pcontact.runtime.options import Options
+from pcontact.scene.target import Target
 from pcontact.simulation import Simulation
 
 DELTA = 6e-4
@@ -49,3 +51,49 @@ def test_rings_with_interference(shared_tmp):
         one.free()
     assert 0.9 * left < found < 1.3 * left
     assert 0.9 * off < pressure < 1.2 * off
+
+
+def quarter(shared_tmp, n, cell="triangle", order=1):
+    path = make_mesh(ring_mesh, shared_tmp / f"quarter{n}.msh", n=n, cell=cell, order=order)
+    return rings.ring_scene(path, 2, 0.0, gamma0=None)
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("cell", ["triangle", "quadrilateral"])
+def test_rounded_cells_have_their_middles_on_circles(shared_tmp, cell):
+    """Nodes of all four circles, two of them free, and no others but those that follow; the straight mesh stays."""
+    run = Simulation(quarter(shared_tmp, 6, cell))
+    straight = run.mesh
+    before = straight.points.copy()
+    mesh = roughness.rounded(run.problem.space)
+    assert not straight.curved and np.array_equal(before, straight.points) and roughness.OUTER not in mesh.facet_groups
+    radius = np.linalg.norm(mesh.points, axis=1)
+    was = np.linalg.norm(before, axis=1)
+    for circle in (rings.SMALL, rings.MIDDLE, rings.LARGE):
+        chords = (was < (1.0 - 1e-4) * circle) & (was > 0.985 * circle)
+        assert run.comm.allreduce(int(chords.sum())) >= 6
+        assert np.allclose(radius[chords], circle, rtol=3e-4, atol=0.0)
+    run.free()
+
+
+@pytest.mark.parallel
+def test_straight_facets_of_free_and_loaded_surfaces_count(shared_tmp):
+    """Six chords in a quarter: what they leave of the energy norm on fine meshes is more than what they change on the
+    first one, and is named."""
+    scene = quarter(shared_tmp, 6)
+    scene.output.estimate = True
+    first = Simulation(scene)
+    assert first.run(None, [], keep=True)
+    found = of_facets(first, scene, Target(0.1)) / first.error_estimate.last["energy_norm"]
+    finer = first.mesh
+    for _ in range(3):
+        more = np.full(sum(len(block.nodes) for block in finer.blocks), 2)
+        finer = refine(finer, more, (), Balance(*build.balance(scene, Options()))).mesh
+    last = Simulation(scene, mesh=finer)
+    assert last.run(None, [], keep=True)
+    exact = partial(rings.exact, constants=rings.ring_constants())
+    error = bulk_error(last.problem.space, last.problem.bulk.constants, last.stepper.u, exact)
+    left = error.energy / error.energy_of_exact
+    for one in (first, last):
+        one.free()
+    assert 0.01 < found < left < 2.0 * found
