@@ -62,7 +62,7 @@ from pcontact.scene.regions import check_region
 from pcontact.scene.target import Budget, Target
 from pcontact.scene.unsafe import unsafe
 from pcontact.solve.preconditioners.deflation import MOST_COLOURS
-from pcontact.solve.problem import Problem
+from pcontact.solve.problem import Features, Problem
 from pcontact.space.equations import Equations, linear_rows, pair_rows, term_rows
 from pcontact.space.modes import colour, component_frames, free_motions, join
 from pcontact.space.rigid import RigidGroup
@@ -774,7 +774,7 @@ def _announce(mesh, free):
         log.info("body %s: %d rigid modes that no support holds%s", name, modes, times)
 
 
-def assemble(scene, mesh, span=None, more=()):
+def assemble(scene, mesh, span=None, more=(), stabilises=True):
     """The problem of a scene on its mesh. *Collective.*
 
     Parameters
@@ -786,6 +786,8 @@ def assemble(scene, mesh, span=None, more=()):
         Of a phase that goes on from another.
     more : sequence of callable
         From the space to items of the caller's own.
+    stabilises : bool
+        Whether bodies that nothing holds are steadied.
 
     Returns
     -------
@@ -803,13 +805,13 @@ def assemble(scene, mesh, span=None, more=()):
     lower = [number for number, body in enumerate(scene.bodies) if scene.lower(body)]
     space = Space(mesh, scene.mesh.order, scene.mesh.kinematics, *averaged, reduced, lower)
     try:
-        return _assemble(scene, space, span, more)
+        return _assemble(scene, space, span, more, stabilises)
     except TOLD:
         space.exchanger.free()
         raise
 
 
-def _assemble(scene, space, span, more):
+def _assemble(scene, space, span, more, stabilises):
     """See :func:`assemble`. *Collective.*"""
     end, mesh = scene.steps.end, space.mesh
     laws = _laws(scene, mesh.dim)
@@ -849,20 +851,20 @@ def _assemble(scene, space, span, more):
     release = None if span is None else Release(space, span.begin, span.end, begun)
     items += [] if release is None else [release]
     viscous = None if eta is None else ViscousStabilisation(space, eta, bulk)
-    stabilised = set(free)
+    items += [] if viscous is None else [viscous]
     if not held and any(item.changes for item in items):
         # one linear solve has to be exact
-        stabilised |= _drawn(space, sections)
-    problem = Problem(space, items, supports, forces, _stabilisation(space, laws, stabilised), contacts, viscous)
-    problem.timed, problem.total, problem.springs, problem.release = timed, total, springs, release
-    problem.averages, problem.inertia = averages, inertia
-    problem.sections, problem.equations, problem.lower = sections, equations, _lower(scene, space, lower)
+        stabilised = set(free) | _drawn(space, sections)
+    else:
+        stabilised = set(free)
     if release is not None:
         release.absolute = supports.absolute[space.owned_local]
-        problem.since = since_of(scene, space) if begun else {}
     # modes of their own cost a set-up that grows with their square; only bodies that nothing holds are worth it
-    loose = {(a, b) for a, b in edges if a in free or b in free}
-    colours = colour(mesh.n_components, loose)
+    colours, loose = colour(mesh.n_components, {(a, b) for a, b in edges if a in free or b in free}), []
     if colours.max(initial=0) >= MOST_COLOURS:
-        colours, problem.loose = np.zeros_like(colours), sorted(free)
-    return problem, colours, free
+        colours, loose = np.zeros_like(colours), sorted(free)
+    since = since_of(scene, space) if release is not None and begun else {}
+    features = Features(timed, total, springs, sections, averages, equations, _lower(scene, space, lower), release,
+                        inertia, viscous, since, loose, stabilises)  # fmt: skip
+    stabilisation = _stabilisation(space, laws, stabilised)
+    return Problem(space, items, supports, forces, stabilisation, contacts, features), colours, free

@@ -284,7 +284,7 @@ def _reach(simulation):
     """Farthest that supports and obstacles go together [length]. *Collective.*"""
     problem, scene, moving = simulation.problem, simulation.part, [0.0]
     times = np.union1d(corners(scene), np.linspace(0.0, scene.steps.end, LOOKS))
-    supports = max(problem.space.longest(np.nan_to_num(problem.supports.values(time))) for time in times)
+    supports = max(problem.space.longest(np.nan_to_num(problem.conditions.supports.values(time))) for time in times)
     for obstacle in (one.obstacle for one in scene.contacts if one.obstacle is not None):
         if obstacle.angle or obstacle.shape == "level_set":
             return np.inf

@@ -98,10 +98,10 @@ class Kept(NamedTuple):
     def of(cls, problem, u, time):
         """That of a problem at its committed displacement and time. *Collective.*"""
         values = u.getArray(readonly=True).reshape(-1, problem.space.dim).copy()
-        # these begin anew
-        parts = [part for part in remembering(problem.parts) if part not in (problem.release, problem.energy)]
+        # that begins anew
+        parts = [part for part in remembering(problem.parts) if part is not problem.features.release]
         memory = {part.name: part.memory() for part in parts}
-        origins = {} if problem.release is None else problem.release.origins
+        origins = {} if problem.features.release is None else problem.features.release.origins
         return cls(values, memory, borne_by(problem, u, time), origins, keys_of(problem.space))
 
     def moved(self, space):
@@ -163,7 +163,7 @@ class Simulation:
         self.timing = dict.fromkeys(("search", "assembly", "linear", "solve", "output"), 0.0)
         self.comm, self.options, self.profile, self.calls = comm, Options(said), profile.Profile(), CALLS.copy()
         self.failure, self.stopped, self.records, self.snapshot, self.begin = None, False, None, None, None
-        self.problem, self.newton, self.every = None, None, True
+        self.problem, self.newton, self.energy, self.every = None, None, None, True
         self._items = tuple(items)
         self.restart = self.options.get("restart")
         self.anyway = self.options.get(ANYWAY)
@@ -217,18 +217,21 @@ class Simulation:
         mesh = self.mesh
         if self._changing:
             self.part, mesh = build.present(self.part, mesh)
-        self.problem, colours, motions = build.assemble(self.part, mesh, span, self._items)
+        stabilises = "stabilisation" not in (self.options.get("newton_without") or ())
+        self.problem, colours, motions = build.assemble(self.part, mesh, span, self._items, stabilises)
+        self.energy = None
         if self.scene.output.energy:
-            self.problem.energy = EnergyBalance(self.problem, self._parts()[:-1], self._changing)
+            self.energy = EnergyBalance(self.problem, self._parts()[:-1], self._changing)
         self.floating = {k: len(rows) for k, rows in motions.items()}
-        self.costs, self.counters = CostReport(self.profile, self.problem), Counters(self.problem, self.calls)
+        self.costs = CostReport(self.profile, self.problem)
+        self.counters = Counters(self.problem.space, self.remembering, self.calls)
         # slip of Coulomb's law makes the tangent unsymmetric for every theta; that of Tresca's does not. Where a source
         # yields, the traction's derivative is not the adjoint operator, that of elasticity. Without a traction of the
         # source there is nothing unsymmetric but the slip
         symmetric = all(item.symmetric for item in self.problem.items)
-        modes = near_null_space(self.problem.space, colours, None, self.problem.followers)
+        modes = near_null_space(self.problem.space, colours, None, self.problem.conditions.followers)
         self.accuracy.propose(self.options, self.problem.linear)
-        turns = self.problem.extrapolates
+        turns = self.problem.bulk.extrapolates
         modes_at = partial(near_null_space, self.problem.space, colours) if turns else None
         self.newton = Newton(self.problem, self.options, symmetric, modes, self.timing, motions, modes_at)
         self.renew, self.settle = updates(self.problem, self.newton, self.options)
@@ -269,22 +272,22 @@ class Simulation:
         directory = Path(directory) if writes else None
         self._identity = None
         if self.restart is not None or (writes and self.scene.output.checkpoint):
-            self._identity = Identity.of(self._parts(), self.problem.space, remembering(self.problem.parts))
+            self._identity = Identity.of(self._parts(), self.problem.space, remembering(self.remembering))
         if self.restart is not None:
             resumed = read_checkpoint(self.restart, self.problem.space, self._identity, self.anyway)
         lasting = self._lasting(directory, observers, (keep, fields), None if resumed is None else resumed.time)
         self._announce()
         self._prepare(lasting, directory, None if resumed is None else resumed.first)
         if resumed is not None:
-            if self._changing and self.problem.release is not None:
+            if self._changing and self.problem.features.release is not None:
                 # where bodies have begun is where their contacts look for partners first
-                resumed.recall(self.comm, [self.problem.release])
+                resumed.recall(self.comm, [self.problem.features.release])
             self.stepper.resume(
                 resumed.number, resumed.time, resumed.first, resumed.size, resumed.values, resumed.last
             )
-            resumed.recall(self.comm, self.problem.parts)
-            if self._changing and self.problem.release is not None:
-                self.problem.release.free_strains(self.problem.bulk)
+            resumed.recall(self.comm, self.remembering)
+            if self._changing and self.problem.features.release is not None:
+                self.problem.features.release.free_strains(self.problem.bulk)
             for name, one in self._carriers.items():
                 one.carried = resumed.carried.get(name, 0.0)
             log.info("restart from %s at time %g after %d steps", self.restart, resumed.time, resumed.number)
@@ -310,6 +313,11 @@ class Simulation:
         except Stopped:
             self.stopped = True
         return self.failure is None and not self.stopped
+
+    @property
+    def remembering(self):
+        """Parts of the problem that are counted and that checkpoints have, the energies among them."""
+        return [*self.problem.parts, *([] if self.energy is None else [self.energy])]
 
     def _parts(self):
         """The scenes of the phases up to the present one, by what they are called; the scene of a run without any."""
@@ -346,24 +354,25 @@ class Simulation:
         self.error_estimate = estimate
         name = self.spans[self.number].name if self.spans else None
         absent = [body.region for body in scene.bodies if body.absent] if self._changing else None
-        recorder = Recorder(self.problem, output.probes, [body.region for body in scene.bodies], name, absent)
+        bodies = [body.region for body in scene.bodies]
+        recorder = Recorder(self.problem, output.probes, bodies, name, absent, self.energy)
         self._carriers = {"largest_force": recorder, "direct": self.newton, "acting": self.newton.convergence}
         if estimate is not None:
             self._carriers["largest_energy"] = estimate
         if self.renew is not None:
             self._carriers["partners"] = self.renew
-        if self.problem.viscous is not None:
-            viscous = self.problem.viscous
+        if self.problem.features.viscous is not None:
+            viscous = self.problem.features.viscous
             self._carriers |= {"viscous_work": viscous.taken, "stress_work": viscous.stressed}
-        if self.problem.energy is not None:
-            self._carriers |= self.problem.energy.carried
-        if self.problem.inertia is not None:
-            self._carriers["fastest"] = self.problem.inertia
+        if self.energy is not None:
+            self._carriers |= self.energy.carried
+        if self.problem.features.inertia is not None:
+            self._carriers["fastest"] = self.problem.features.inertia
         if lasting.fields:
             self.snapshot = Snapshot(self.problem, self.timing, output.smooth, estimate)
         checkpoint = None
         if directory is not None and output.checkpoint:
-            checkpoint = Checkpoint(directory, space, self.problem.parts, schedule, output.checkpoint_every,
+            checkpoint = Checkpoint(directory, space, self.remembering, schedule, output.checkpoint_every,
                                     self._identity, first, self._carriers)  # fmt: skip
         # steps that are short are alike: what serves one serves the next, unless another run has to repeat it
         if any(item.holds for item in self.problem.items) and checkpoint is None and self.restart is None:
@@ -377,7 +386,7 @@ class Simulation:
         self._watch = [one for one in watch if one is not None]
         low, high = bounding_box(self.comm, space.mesh.points)
         places = np.array(list(product(*zip(low, high, strict=True))) + [0.5 * (low + high)])
-        stages = Stages(self.begin, self.renew, self.settle, self.rest)
+        stages = Stages(self.begin, self.renew, self.settle, self.rest, self.energy)
         self.stepper = Stepper(
             self.problem, self.newton, schedule, self._watch, recorder, self.timing, drive(scene, places), stages
         )  # fmt: skip
@@ -388,12 +397,12 @@ class Simulation:
         """Begin the next phase where the last one has ended. *Collective.*"""
         stepper, carried = self.stepper, {name: one.carried for name, one in self._carriers.items()}
         state = Kept.of(self.problem, stepper.u, self.spans[self.number].end)
-        held = self.problem.energy.held(stepper.u) if self._changing and self.problem.energy is not None else None
+        held = self.energy.held(stepper.u) if self._changing and self.energy is not None else None
         # of the observers of one phase, those of facets have the last word
         self._watch[0].end(True)
         self.newton.free()
         self.problem.space.exchanger.free()
-        self.problem = self.newton = self.stepper = self.settle = self.renew = self.rest = None
+        self.problem = self.newton = self.stepper = self.settle = self.renew = self.rest = self.energy = None
         self.options.withdraw()
         self.options.propose(self.scene.petsc)
         self._components.give(self.mesh)
@@ -403,9 +412,9 @@ class Simulation:
         with profile.phase("set_up"):
             self._assemble()
         if self._identity is not None:
-            self._identity = Identity.of(self._parts(), self.problem.space, remembering(self.problem.parts))
+            self._identity = Identity.of(self._parts(), self.problem.space, remembering(self.remembering))
         self._prepare(lasting, directory, stepper.first)
-        schedule, release = self.stepper.schedule, self.problem.release
+        schedule, release = self.stepper.schedule, self.problem.features.release
         if self._changing:
             state, fresh = state.moved(self.problem.space)
             extend(self.problem, state.values, fresh, span.begin)
@@ -421,10 +430,10 @@ class Simulation:
             one.carried = carried.get(name, 0.0)
         release.start(self.problem, self.stepper.u, state.borne)
         if held is not None:
-            self.problem.energy.part_with(held, self.stepper.u)
+            self.energy.part_with(held, self.stepper.u)
         self.stepper.begin()
-        if self.problem.energy is not None:
-            self.problem.energy.begin(self.stepper.u)
+        if self.energy is not None:
+            self.energy.begin(self.stepper.u)
 
     def _warn_of_untied(self, span):
         """Say of the contacts that a phase ties which ones were nowhere closed before: these are open all the phase.
@@ -451,7 +460,7 @@ class Simulation:
         problem, u = self.problem, self.stepper.u
         # partners and status are those of the state
         equilibrium(problem, u, self.stepper.schedule.time)
-        return frequencies(problem, build.mass_of(self.part, problem.space, problem.groups), u, count)
+        return frequencies(problem, build.mass_of(self.part, problem.space, problem.conditions.groups), u, count)
 
     def close(self):
         """Take what this run entered back out of the options database, for the next scene."""
@@ -485,7 +494,7 @@ class Simulation:
         if self.newton is not None:
             self.newton.free()
         self.problem.space.exchanger.free()
-        self.problem = self.newton = self.stepper = self.settle = self.renew = self.rest = None
+        self.problem = self.newton = self.stepper = self.settle = self.renew = self.rest = self.energy = None
         self._watch = self._carriers = None
         self.costs = self.counters = self.records = self.error_estimate = self.mesh = None
         gc.collect()

@@ -260,7 +260,7 @@ def solve(case: Case, mesh: Path, args, directory: Path | None = None) -> tuple[
         problem, u = simulation.problem, simulation.stepper.u
         points = contact_points(simulation)
         result = simulation.comm.bcast(None if points is None else measure(case, points), root=0)
-        last, reactions = case.dim - 1, problem.reactions(u)
+        last, reactions = case.dim - 1, problem.forces.reactions(u)
         result["reaction"] = case.copies * reactions[case.held][last]
         applied = -reactions[case.driven][last] if args.drive == "displacement" else 0.0
         result["applied"] = case.force if args.drive == "force" else case.copies * applied

@@ -45,7 +45,7 @@ class Case:
         problem, self._ksp = self._simulation.problem, self._simulation.newton.snes.getKSP()
         problem.time = 1.0
         u = problem.space.vector()
-        problem.prescribe(u, 1.0)
+        problem.prediction.begin(u, 1.0)
         problem.tangent(u)
         self.unknowns = problem.space.n_dofs
         self._matrix, self._right = problem.matrix.operator, problem.matrix.operator.createVecLeft()

@@ -147,7 +147,7 @@ def reports_of(simulation, scene, watch):
     tied = {number: one.pairs[0] for number, one in enumerate(problem.contacts) if one.law.tied}
     free = {number: range(modes) for number, modes in simulation.floating.items()}
     with log.quiet():
-        reports, _ = contact_reports(scene, problem.space, problem.supports, free, problem.bulk, tied)
+        reports, _ = contact_reports(scene, problem.space, problem.conditions.supports, free, problem.bulk, tied)
         for pair in (pair for report in reports if not report.law.tied for pair in report.pairs):
             # an initial overlap is that of the first search
             begin = problem.undeformed(pair)

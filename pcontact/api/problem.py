@@ -96,10 +96,10 @@ class Problem:
         """Begin the load step to a time from the committed displacement ``u``: points look for their partners,
         prescribed displacements are entered. *Collective.*"""
         self._problem.time = float(time)
-        motion = self._problem.imposed(self.u, time)
+        motion = self._problem.conditions.imposed(self.u, time)
         for item in self._problem.items:
             item.detect(self.u, time, motion, None)
-        self._problem.prescribe(self.u, time)
+        self._problem.prediction.begin(self.u, time)
         self._newton.begin_alone(self.u)
 
     def commit(self) -> None:

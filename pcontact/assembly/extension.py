@@ -37,7 +37,7 @@ def extend(problem, values, fresh, time):
     if not space.comm.allreduce(int(fresh.sum())):
         return
     held = ~fresh
-    brought = [group for group in problem.groups if group.bring(values, fresh)]
+    brought = [group for group in problem.conditions.groups if group.bring(values, fresh)]
     for group in brought:
         held[group.rows] = True
     vector = space.vector()
@@ -50,7 +50,7 @@ def extend(problem, values, fresh, time):
     forces[held] = 0.0
     if space.comm.allreduce(float(np.sum(forces**2))) > 0.0:
         values += _solved(space, bulk, fixed, -forces)
-    for group in problem.groups:
+    for group in problem.conditions.groups:
         if group not in brought:
             entered = values.copy()
             group.enter(entered, time)

@@ -173,15 +173,15 @@ class Inertia(Item):
         if moved:
             u.setArray(displacement.ravel())
         # what supports and groups prescribe holds from the beginning
-        problem.enter(u, time)
+        problem.conditions.enter(u, time)
         then = u.copy()
-        problem.enter(then, end)
+        problem.conditions.enter(then, end)
         given = (self._values(then) - self._values(u)) / (end - time)
-        self.velocity = np.where(problem.fixed, given, velocity)
-        if problem.groups:
+        self.velocity = np.where(problem.conditions.fixed, given, velocity)
+        if problem.conditions.groups:
             # what groups do not admit they take up in an impact at once: the nearest motion, in the norm of the mass
             impulse = self.mass.times(velocity - given)
-            problem.condense(impulse)
+            problem.conditions.condense(impulse)
             self.velocity = self._accelerated(problem, impulse) + given
         for at in (None, u) if moved else (u,):
             for item in problem.items:
@@ -190,7 +190,7 @@ class Inertia(Item):
                 if moved:
                     item.commit(where, time)
         forces = problem.unbalanced(u)
-        problem.condense(forces)
+        problem.conditions.condense(forces)
         self.acceleration = self._accelerated(problem, -forces)
         self.force, self.begun = self.mass.times(self.acceleration), True
 
@@ -207,7 +207,7 @@ class Inertia(Item):
         ksp.setOperators(matrix.matrix)
         ksp.solve(right, left)
         ksp.destroy()
-        problem.follow(left)
+        problem.conditions.follow(left)
         return self._values(left).copy()
 
     def fields_of_nodes(self):

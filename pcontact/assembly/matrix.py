@@ -165,7 +165,7 @@ class GlobalMatrix:
         self.operator, self._beside = self.matrix, None
         self._rows = None
         # the first set as it was written last: where it has not changed, only rows of the second are written
-        self._written = _nothing
+        self._written, self._extra = _nothing, None
 
     def choose(self, kind):
         """Take a type for the operator, before there is a pattern.
@@ -237,16 +237,16 @@ class GlobalMatrix:
         first, second : ndarray (nnz, d, d)
             On the patterns given to :meth:`renew`. The same object as before, as the first, has the same values.
         extra : ndarray (n_owned,)
-            Added to the diagonal of free components.
+            Added to the diagonal of free components; the same object as before has the same values.
         """
         space, d = self._space, self._space.dim
         placed = [PlacedBlocks(at, values) for at, values in zip(self._at, (first, second), strict=True)]
         rows = self._second_rows
-        if self._written() is not first:
+        if self._written() is not first or self._extra is not extra:
             rows = np.arange(space.n_owned)
             self._diagonal = np.zeros((space.n_owned, d))
             _diagonal_of(self._rows, placed[0], self._diagonal)
-            self._written = weakref.ref(first)
+            self._written, self._extra = weakref.ref(first), extra
         prescribed = Prescribed(self._fixed_row, self._fixed_column, self._diagonal)
         sizes = (int(self._rows.own[-1]) * d * d, int(self._rows.other[-1]) * d * d)
         with local_values(self.matrix, sizes) as (da, oa):

@@ -21,7 +21,7 @@ def equilibrium(problem, u, time):
 def borne_by(problem, u, time):
     """Forces (n_owned, d) that supports, groups and sections exert at a committed displacement and a time, with those
     that draw sections [force]; zero at all other nodes, but for what solving has left. *Collective.*"""
-    return equilibrium(problem, u, time) + sum(section.at(time) for section in problem.sections)
+    return equilibrium(problem, u, time) + sum(section.at(time) for section in problem.features.sections)
 
 
 class Release(Item):
@@ -76,16 +76,16 @@ class Release(Item):
             At the end of the phase before, see :func:`borne_by` [force].
         """
         moved = u.getArray(readonly=True).reshape(self.forces.shape)
-        prescribed = problem.supports.values(self._span[0])[self.space.owned_local]
-        self.offset = np.where(problem.fixed, moved - prescribed, 0.0)
+        prescribed = problem.conditions.supports.values(self._span[0])[self.space.owned_local]
+        self.offset = np.where(problem.conditions.fixed, moved - prescribed, 0.0)
         gap, kept = equilibrium(problem, u, self._span[0]) - borne, borne.copy()
-        for section in problem.sections:
+        for section in problem.features.sections:
             if section.free:
                 tension, force = section.drawing(section.tension(borne)), section.at(self._span[0])
                 self.drawn += tension - force
                 gap += force
                 kept -= tension
-        problem.condense(kept)
+        problem.conditions.condense(kept)
         self.forces = gap + kept
 
     def origin(self, number):

@@ -156,8 +156,8 @@ def contact_force(problem, contact, force, u, rules=None, axis=None):
     """
     space, direction = problem.space, _direction(force, axis)
     phi = _beside(space, contact.contact)[space.owned_local][:, None] * direction
-    if problem.lower is not None:
-        problem.lower.follow(phi)
+    if problem.features.lower is not None:
+        problem.features.lower.follow(phi)
     # the residual has the force on the source with the other sign, and so has the report, on the target
     slope = transposed(space, contact.pairs, u, phi, rules)
     return Goal(float(direction @ force), slope, contact=contact.name, shift=phi)
@@ -165,12 +165,12 @@ def contact_force(problem, contact, force, u, rules=None, axis=None):
 
 def support_force(problem, region, force, u, rules=None, axis=None):
     """The force of a support; see :func:`contact_force`. *Collective.*"""
-    space, supports = problem.space, problem.supports
+    space, supports = problem.space, problem.conditions.supports
     names = [number for number, name in enumerate(supports.regions) if name == region]
     held = np.isin(supports.which[space.owned_local], names)
     direction = _direction(force, axis)
     phi = held * direction
-    for group in problem.groups:
+    for group in problem.conditions.groups:
         group.follow(phi)
     slope = transposed(space, problem.items, u, phi, rules)
     return Goal(float(direction @ force), -slope, phi, -1.0)
@@ -236,7 +236,7 @@ def dual(problem, goal, preconditioner):
         transpose.setNearNullSpace(near)
         solve(space, transpose, preconditioner, right, z)
         transpose.destroy()
-    problem.follow(z)
+    problem.conditions.follow(z)
     values = z.getArray(readonly=True).reshape(-1, space.dim).copy()
     return values if goal.lift is None else values + goal.lift
 

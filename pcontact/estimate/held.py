@@ -25,8 +25,8 @@ class Held:
     def __init__(self, problem, pairs):
         self._space, self._pairs = problem.space, pairs
         # what moves as a rigid body is as much held as what is prescribed
-        self.nodes = problem.supports.fixed.copy()
-        for group in problem.groups:
+        self.nodes = problem.conditions.supports.fixed.copy()
+        for group in problem.conditions.groups:
             if isinstance(group, RigidGroup):
                 self.nodes[group.nodes] = True
 

@@ -96,7 +96,7 @@ def applied(problem, scene):
     list of Given or Spread
     """
     masses = [scene.materials[body.material].density for body in scene.bodies]
-    found, total = [], list(problem.total)
+    found, total = [], list(problem.features.total)
     for load in scene.loads:
         amplitude = amplitude_of(load, scene.steps.end)
         if load.total:
@@ -110,7 +110,7 @@ def applied(problem, scene):
 def held(problem, unbalanced):
     """What holds groups that move on average, from forces (n_owned, d) that are not in equilibrium. *Collective.*"""
     return [Spread(one.region, kind_of(problem.space, one.region) == "facets", one.held_by(unbalanced))
-            for one in problem.averages]  # fmt: skip
+            for one in problem.features.averages]  # fmt: skip
 
 
 class Missing(NamedTuple):

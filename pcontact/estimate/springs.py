@@ -32,7 +32,7 @@ class Springs:
 
     def __init__(self, problem):
         self._space = space = problem.space
-        self._springs = [(one, kind_of(space, one.region) == "facets") for one in problem.springs]
+        self._springs = [(one, kind_of(space, one.region) == "facets") for one in problem.features.springs]
         self._of_facets = {}
 
     def facets(self, number):

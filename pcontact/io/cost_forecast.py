@@ -39,7 +39,8 @@ def cost_forecast(problem, scene):
     -------
     list of str
     """
-    space, counts = problem.space, Counters(problem, CALLS)()
+    space = problem.space
+    counts = Counters(space, problem.parts, CALLS)()
     lines = []
     for name, table in counts["bytes"].items():
         size, points = sum(table.values()), counts["points"].get(name)

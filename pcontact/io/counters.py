@@ -64,13 +64,15 @@ class Counters:
 
     Parameters
     ----------
-    problem : pcontact.solve.problem.Problem
+    space : pcontact.space.space.Space
+    parts : sequence of pcontact.assembly.item.Item
     before : collections.Counter
         Calls of kernels before the run.
     """
 
-    def __init__(self, problem, before):
-        self._problem, self._before = problem, before
+    def __init__(self, space, parts, before):
+        self._space, self._before = space, before
+        self._parts = {part.name: part for part in parts}
 
     def __call__(self):
         """Counts of all ranks. *Collective.*
@@ -81,9 +83,8 @@ class Counters:
             ``kernels``: calls by kernel; ``bytes``: by item and attribute (`held`); ``points``: quadrature points by
             item, where it keeps something at them; ``bytes_per_unknown``: of all items; ``bytes_per_point``: by item.
         """
-        space = self._problem.space
+        space, parts = self._space, self._parts
         shared = (space, space.mesh)
-        parts = {part.name: part for part in self._problem.parts}
         own = {
             "kernels": dict(CALLS - self._before),
             "bytes": {name: held(part, shared) for name, part in parts.items()},

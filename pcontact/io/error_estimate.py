@@ -165,9 +165,9 @@ class ErrorEstimate(Observer):
     def _held(self, u, z, found, closing):
         """What holds groups that move on average in a dual displacement. *Collective.*"""
         problem = self._problem
-        if not problem.averages:
+        if not problem.features.averages:
             return []
-        phi = z.getArray(readonly=True).reshape(problem.fixed.shape)
+        phi = z.getArray(readonly=True).reshape(problem.conditions.fixed.shape)
         forces = goal.transposed(problem.space, problem.items, u, phi, closing)
         return held(problem, forces if found.lift is not None else forces - found.slope)
 
@@ -196,7 +196,7 @@ class ErrorEstimate(Observer):
         preconditioner, matrix = self._newton.last_preconditioner(), self._problem.matrix.matrix
         preconditioner.setOperators(matrix, matrix)
         preconditioner.apply(residual, step)
-        self._problem.follow(step)
+        self._problem.conditions.follow(step)
         size = self._estimator.norm(step)
         return size if size < little else self._answer(forces)
 
@@ -237,5 +237,5 @@ class ErrorEstimate(Observer):
             ksp.setTolerances(rtol=STEP_RTOL, max_it=STEP_ITERATIONS)
             ksp.solve(residual, step)
             ksp.destroy()
-        problem.follow(step)
+        problem.conditions.follow(step)
         return step

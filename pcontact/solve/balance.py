@@ -7,7 +7,7 @@ bear less than the others leave open: its own forces are what says whether it ha
 import numpy as np
 
 from pcontact.runtime.petsc import MPI
-from pcontact.solve.problem import ROUNDINGS
+from pcontact.solve.forces import ROUNDINGS
 from pcontact.space.modes import RigidBodies
 
 # [-] Part of the forces on a loose body that may be left along its free motions. From: chosen, ten times SMALL of
@@ -53,7 +53,7 @@ class Balance:
 
     def _rounding(self, u):
         """Rounding errors of the forces on the bodies at ``u``, or at the beginning [force]. *Collective.*"""
-        return np.maximum(ROUNDINGS * self._problem.roundoff_of(u)[self._bodies.bodies], self._rounded)
+        return np.maximum(ROUNDINGS * self._problem.forces.roundoff_of(u)[self._bodies.bodies], self._rounded)
 
     def rests(self, u, f):
         """Whether the residual ``f`` at ``u`` leaves hardly a part of the forces on each body along its free motions,
@@ -63,7 +63,7 @@ class Balance:
         """
         problem, bodies = self._problem, self._bodies
         left = np.linalg.norm(bodies.sums_along(f.getArray(readonly=True).reshape(-1, problem.space.dim)), axis=1)
-        forces = (problem.borne(u) + problem.applied(u))[bodies.bodies] / np.sqrt(self._nodes)
+        forces = (problem.active.borne(u) + problem.forces.by_component(u))[bodies.bodies] / np.sqrt(self._nodes)
         moves = left > np.maximum(LEFT * forces, self._rounding(u))
         if not moves.any():
             return True

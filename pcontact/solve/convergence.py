@@ -3,7 +3,7 @@
 import numpy as np
 
 from pcontact.runtime.petsc import PETSc, diverged_nan
-from pcontact.solve.problem import ROUNDINGS
+from pcontact.solve.forces import ROUNDINGS
 
 # [-] Rounding errors of forces whose norm is 1, as many as an exact solution leaves.
 ROUNDOFF = ROUNDINGS * np.finfo(float).eps
@@ -62,7 +62,7 @@ class ConvergenceTest:
     def begin_step(self, u):
         """A load step begins at ``u``. *Collective.*"""
         # loads that supports or equations bear leave their rounding errors, too
-        self._least = max(ROUNDINGS * self._problem.roundoff(u), ROUNDOFF * self._problem.loaded(u))
+        self._least = max(ROUNDINGS * self._problem.forces.roundoff(u), ROUNDOFF * self._problem.forces.loaded(u))
         self._first, self._start, self.predicted_from = None, u, np.nan
 
     def begin(self, near=False):
@@ -91,15 +91,16 @@ class ConvergenceTest:
         if self._first is None:
             # the predicted one may be much larger, and means no more
             self._first = float(np.fmin(norm, self.predicted_from))
-            if self._problem.goes_on:
+            if self._problem.prediction.goes_on:
                 # there is little to do where bodies go on as they did: its residual says nothing of the forces
-                self._first = max(self._first, self._problem.imposing, self._problem.acting(snes.getSolution()))
+                acting = self._problem.forces.acting(snes.getSolution())
+                self._first = max(self._first, self._problem.prediction.imposing, acting)
         self.norms.append(norm)
         if self.told is not None:
             self.told(self.norms)
         u = snes.getSolution()
         if iteration > 0 and norm > 0.5 * self.norms[-2]:
-            self._floor = ROUNDINGS * self._problem.roundoff(u)
+            self._floor = ROUNDINGS * self._problem.forces.roundoff(u)
         if iteration == 0 and self.predicted:
             return reasons.ITERATING
         reason = self._ends(u, iteration, norm, snes.getTolerances())
@@ -107,7 +108,7 @@ class ConvergenceTest:
         if not rests:
             return reasons.ITERATING
         if reason != reasons.ITERATING:
-            self.carried = max(self.carried, self._problem.acting(u))
+            self.carried = max(self.carried, self._problem.forces.acting(u))
         return reason
 
     def _ends(self, u, iteration, norm, tolerances):
@@ -131,26 +132,26 @@ class ConvergenceTest:
         work, or these are rounding errors. Those of a stiff body may hide what is left in a soft one. *Collective.*"""
         if iteration == 0 or norm > 0.5 * self.norms[-2]:
             return True
-        acting = self._problem.acting(u)
+        acting = self._problem.forces.acting(u)
         return norm <= SMALL * acting or acting <= max(self._floor, self._least)
 
     def _balanced(self, u, norm):
         """Whether a residual that rounding errors hide is small against the forces: those of a body that flows without
         bound exceed any load, those of a gap times a huge gamma any stress. Bodies that nothing loads may move without
         any force: there a residual is enough that hardly changes their displacements. *Collective.*"""
-        if norm <= BALANCED * self._problem.acting(u):
+        if norm <= BALANCED * self._problem.forces.acting(u):
             return True
-        if self._problem.loaded(u, springs=False) > 0.0:
+        if self._problem.forces.loaded(u, springs=False) > 0.0:
             return False
         # bodies that spring back to where they were have no displacements left to compare with
-        scale = max(self._problem.stiffness_scale(x) for x in (u, self._start))
+        scale = max(self._problem.forces.stiffness_scale(x) for x in (u, self._start))
         # springs that bear nothing leave the rounding errors of their forces
-        return self._problem.loaded(u) <= ROUNDOFF * scale and norm <= MOVED * scale
+        return self._problem.forces.loaded(u) <= ROUNDOFF * scale and norm <= MOVED * scale
 
     def _small(self, u, norm, part):
         """Whether a residual is small against the forces at work. The first residual, of bodies whose supports alone
         have moved, is many orders of magnitude larger where one is stiff, or gamma large: its rounding errors may be
         what is left. *Collective.*"""
-        if norm <= part * self._problem.acting(u):
+        if norm <= part * self._problem.forces.acting(u):
             return True
         return norm <= part * ROUNDED * self._first and self._balanced(u, norm)

@@ -1,10 +1,12 @@
 """Why a load step may have failed: what a user can see only with difficulty."""
 
+import numpy as np
+
 from pcontact.mesh.mesh import size_of
 from pcontact.runtime.petsc import MPI, PETSc
 from pcontact.solve.convergence import BALANCED
+from pcontact.solve.forces import ROUNDINGS
 from pcontact.solve.preconditioners.direct import FAILED
-from pcontact.solve.problem import ROUNDINGS
 
 # [-] Part of the volume that may yield from which on a limit load is near. From: chosen; a sentence depends on it, no
 # iteration.
@@ -34,16 +36,16 @@ def diagnose(problem, u, reason, norm, loose=()):
     found = []
     size = size_of(problem.space.mesh)
     moved = u.norm(PETSc.NormType.NORM_INFINITY)
-    if problem.extrapolates and not problem.integrable(u):
+    if problem.bulk.extrapolates and not problem.integrable(u):
         found.append("cells are turned inside out: smaller load steps, or a prescribed displacement instead of a load")
-    elif not problem.extrapolates and not moved <= size:
+    elif not problem.bulk.extrapolates and not moved <= size:
         found.append(
             f"displacements of {moved:.3g}, more than the size of the bodies ({size:.3g}): the load is too large for "
             f"small strains, or {_unheld(problem, u, loose) or 'nothing holds a body'}"
         )
-    elif min(norm, problem.loaded(u) or norm) <= ROUNDINGS * problem.roundoff(u):
+    elif min(norm, problem.forces.loaded(u) or norm) <= ROUNDINGS * problem.forces.roundoff(u):
         found.append("rounding errors of the stresses hide the rest: the load is too small for these displacements")
-    errors, acting = problem.rounding_of_contacts(u), problem.acting(u)
+    errors, acting = _rounding_of_contacts(problem, u), problem.forces.acting(u)
     worst = max(errors, key=errors.get, default=None)
     if worst is not None and errors[worst] > BALANCED * acting > 0.0:
         found = [
@@ -82,10 +84,21 @@ def _unheld(problem, u, loose):
     *Collective.*"""
     if not loose:
         return ""
-    names, borne = problem.space.mesh.component_names, problem.borne(u)
-    lost = [k for k in loose if borne[k] <= ROUNDINGS * problem.roundoff(u)]
+    names, borne = problem.space.mesh.component_names, problem.active.borne(u)
+    lost = [k for k in loose if borne[k] <= ROUNDINGS * problem.forces.roundoff(u)]
     listed = ", ".join(dict.fromkeys(names[k] for k in lost or loose))
     if not lost:
         return f"contact alone holds {listed}, and may not be able to: a support is missing"
-    before = "contact has let go" if problem.touched()[lost].any() else "no contact force has held before"
+    before = "contact has let go" if problem.active.touched()[lost].any() else "no contact force has held before"
     return f"no support holds {listed}, which {before}: a support is missing, or a load that presses it on another body"
+
+
+def _rounding_of_contacts(problem, u):
+    """Norm of the rounding errors of the forces of every contact at ``u`` [force], by name. *Collective.*"""
+    errors = {}
+    for contact in problem.contacts:
+        size = np.zeros((problem.space.n_owned, problem.space.dim))
+        for pair in contact.pairs:
+            pair.add_magnitude(u, size)
+        errors[contact.name] = np.finfo(float).eps * problem.forces.norm(size)
+    return errors

@@ -42,7 +42,7 @@ class Globalisation:
         self._trial, self._full, self._partly, self._before, self._step = (problem.space.vector() for _ in range(5))
         # where bodies bend: the iterate where the residual was least, and the step from there
         self._lowest = (None, None)
-        if problem.extrapolates and "correction" not in without:
+        if problem.bulk.extrapolates and "correction" not in without:
             self._lowest = (problem.space.vector(), problem.space.vector())
         self.begin(False)
 
@@ -90,7 +90,7 @@ class Globalisation:
         part = 1.0
         if "step_limit" not in self._without:
             falls = None if self._balance is None else self._balance.falls(x, y, f)
-            part = self._problem.step_limit(x, y, falls)
+            part = self._problem.active.step_limit(x, y, falls)
         if part != 1.0:
             y.scale(part)
         if self._searches and not self._recedes(x, y, part == 1.0):
@@ -107,10 +107,10 @@ class Globalisation:
         norm of the residual rises a thousandfold in steps that go the right way, and the next step takes it away. There
         the residual is no measure of a step; the length of the next one is.
         """
-        if not self._problem.extrapolates or "correction" in self._without:
+        if not self._problem.bulk.extrapolates or "correction" in self._without:
             return False
         self._go(x, y, 1.0)
-        if self._problem.turned(self._trial)[1:3].any():
+        if self._problem.active.turned(self._trial)[1:3].any():
             return False
         x.copy(self._before)
         y.copy(self._step)
@@ -138,7 +138,7 @@ class Globalisation:
     def _starts_again(self, x, y, f):
         """Whether full steps of bodies that bend have come to nothing: then ``-y`` becomes the way to where the
         residual is less than it ever was, on the step from where it was least. *Collective.*"""
-        if not self._problem.extrapolates or "correction" in self._without:
+        if not self._problem.bulk.extrapolates or "correction" in self._without:
             return False
         lowest, step = self._lowest
         if f.norm() < self._least:
@@ -168,18 +168,18 @@ class Globalisation:
     def _recedes(self, x, y, full):
         """Whether the step, if it is a full one, is taken since the contact recedes in it. *Collective.*
 
-        See :meth:`pcontact.solve.problem.Problem.recede`. The residual has no say about such a step: each iteration
-        leaves fewer points closed than the one before, and so they come to an end.
+        See :meth:`pcontact.solve.active_sets.ActiveSets.recede`. The residual has no say about such a step: each
+        iteration leaves fewer points closed than the one before, and so they come to an end.
         """
         going, self._receding = self._receding is not None, None
         if not full or self._has_receded or "opening" in self._without:
             return False
         self._go(x, y, 1.0)
-        self._receding = self._problem.recede(self._trial, self._area if going else None)
+        self._receding = self._problem.active.recede(self._trial, self._area if going else None)
         if not going:
             if self._receding is None:
                 return False
-            self._area = self._problem.closed_area()
+            self._area = self._problem.active.closed_area()
         # where it ends, the step still goes to the solution under the rules, and the law says what closes there
         self._has_receded = self._receding is None
         self._begins = False
@@ -215,7 +215,7 @@ class Globalisation:
             component(part)
             return (full if part == 1.0 else partly).norm()
 
-        along, turns = f.dot(y), self._problem.extrapolates
+        along, turns = f.dot(y), self._problem.bulk.extrapolates
         if turns and (not self._problem.others or not along > 0.0):
             part = decrease_of(norm, f.norm())
         else:

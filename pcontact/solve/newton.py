@@ -81,7 +81,7 @@ class Newton:
         self._loose = sorted(motions or ())
         self._balance = Balance(problem, motions) if motions and not problem.linear else None
         self._options = options
-        plastic = problem.yields
+        plastic = problem.bulk.yields
         self._without = frozenset(options.get("newton_without") or ())
         for name in sorted(self._without & set(FORMER_HEURISTICS)):
             log.warning("-newton_without %s: there is no such rule any more", name)
@@ -121,7 +121,6 @@ class Newton:
         self.snes.getKSP().setMonitor(_hear)
         self._reuse = None if lags or direct or motions or "reuse" in self._without else Reuse()
         self.solver = self._solver(symmetric, len(near_null_space.getVecs()))
-        problem.stabilised = "stabilisation" not in self._without
         # whether a run begins with a prediction; what looks for partners at iterates, while there is such a thing
         self._predicting, self._search = False, None
         # where the load step has begun, and whether the matrix holds a tangent of the last one
@@ -158,24 +157,32 @@ class Newton:
 
     def _residual(self, snes, x, f):
         with self._timed():
-            predicts_alone = self._predicting and self.problem.goes_on
+            predicts_alone = self._predicting and self.problem.prediction.goes_on
             if not (predicts_alone or self._globalisation.recall(x, f)):
                 self._evaluate(x, f)
             if self._predicting:
                 self._predict(x, f, predicts_alone)
 
     def _evaluate(self, x, f):
+        """Residual ``f`` at ``x``, also off the supports where differences are taken: there it is the diagonal of the
+        matrix times the distance from what is prescribed, and all others do not hear of it. Its derivative is the
+        matrix. *Collective.*"""
         if self._diagonal is None:
             self.problem.residual(x, f)
-        else:
-            self.problem.extended(x, f, self._diagonal)
+            return
+        away, on = x.copy(), x.copy()
+        self.problem.conditions.enter(on, self.problem.time)
+        self.problem.residual(on, f)
+        away.axpy(-1.0, on)
+        away.pointwiseMult(away, self._diagonal)
+        f.axpy(1.0, away)
 
     def _predict(self, x, f, alone):
         """Put the prediction of a load step in the place of its residual ``f`` at ``x``, unless it asks for nothing: it
         says where to begin, and nothing of where to end. With `alone`, ``f`` has no value yet. *Collective.*"""
         # where bodies go on as they did, the prediction is as good as the residual
         first = np.nan if alone else f.norm()
-        self.problem.predicted(x, f)
+        self.problem.prediction.residual(x, f)
         if self._converges.negligible(f.norm(), first, self.snes.getTolerances()[0]):
             self._predicting, first = False, np.nan
             self.problem.residual(x, f)
@@ -204,7 +211,7 @@ class Newton:
                 if self._filter is not None:
                     self._filter.forget_pattern()
         if self._reuse is not None:
-            keep = self._reuse.keep(snes.getKSP(), self.problem.closed_area())
+            keep = self._reuse.keep(snes.getKSP(), self.problem.active.closed_area())
             if self._filter is None:
                 keep_preconditioner(snes, keep)
             else:
@@ -214,7 +221,7 @@ class Newton:
 
     def _limit(self, x, y):
         """Prescribed components stay where they are, whatever an inexact linear solve says, and followers follow."""
-        self.problem.follow(y, x, self._start)
+        self.problem.conditions.follow(y, x, self._start)
         with self._timed():
             self._globalisation.limit(x, y, self._f)
 
@@ -279,7 +286,7 @@ class Newton:
 
     def _enter(self, x):
         """A run of the SNES begins at ``x``. *Collective.*"""
-        self.problem.enter(x, self.problem.time)
+        self.problem.conditions.enter(x, self.problem.time)
         self._globalisation.begin(True)
         self._converges.begin(near=True)
         if self._reuse is not None:
@@ -360,7 +367,7 @@ class Newton:
         """
         start, before = clock.perf_counter(), self._called_back
         predicts = "prediction" not in self._without and not self._differs
-        self._predicting = beginning and self.problem.predicts and predicts
+        self._predicting = beginning and self.problem.prediction.committed is not None and predicts
         self._globalisation.begin(beginning)
         self._converges.begin(near)
         if beginning and self._balance is not None:
@@ -399,7 +406,7 @@ class Newton:
 
     def _detail(self, reason, norm):
         """What a user should look at. *Collective.*"""
-        value, point, body = self.problem.worst(self._f)
+        value, point, body = self.problem.forces.worst(self._f)
         parts = diagnose(self.problem, self.snes.getSolution(), reason, norm, self._loose)
         parts.append(f"largest residual {value:.3e} at {np.array2string(point, precision=4)} in body {body}")
         for contact in self.problem.contacts:

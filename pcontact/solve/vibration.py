@@ -42,11 +42,12 @@ def frequencies(problem, mass, u, count):
     shapes : list of ndarray (n_owned, d)
         With x M x = 1.
     """
-    space = problem.space
-    free = ~problem.fixed if problem.followers is None else ~(problem.fixed | problem.followers)
+    conditions, space = problem.conditions, problem.space
+    free = ~conditions.fixed if conditions.followers is None else ~(conditions.fixed | conditions.followers)
     total = space.comm.allreduce(int(free.sum()))
     count = min(count, total)
-    stiffness, weights = problem.stiffness(u), mass.matrix(problem).matrix
+    problem.tangent(u, problem.active.frozen(), added=np.zeros_like(problem.stabilisation))
+    stiffness, weights = problem.matrix.matrix, mass.matrix(problem).matrix
     ratio = stiffness.getDiagonal().getArray()[free.ravel()] / weights.getDiagonal().getArray()[free.ravel()]
     shift = SHIFT * max(space.comm.allgather(float(np.max(ratio, initial=0.0))))
     shifted = stiffness.copy()
@@ -69,7 +70,7 @@ def frequencies(problem, mass, u, count):
     ksp.destroy()
     squares = np.where(np.abs(squares) < RIGID * np.abs(squares).max(), 0.0, squares)[:count]
     for x in vectors[:count]:
-        problem.follow(x)
+        problem.conditions.follow(x)
     return squares, [x.getArray(readonly=True).reshape(-1, space.dim).copy() for x in vectors[:count]]
 
 

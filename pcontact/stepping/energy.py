@@ -20,6 +20,7 @@ take up in the same sums is kinetic energy, a function of the state, the damping
 import numpy as np
 
 from pcontact.assembly.viscous import Sum
+from pcontact.runtime import profile
 from pcontact.runtime.parallel import take_rows
 from pcontact.runtime.petsc import MPI
 
@@ -65,7 +66,7 @@ class EnergyBalance:
             kinds += [f"contact {contact.name}" for contact in scene.contacts]
             kinds += ["obstacles"] if any(contact.obstacle for contact in scene.contacts) else []
         kinds += ["heat"] if problem.bulk.heat is not None else []
-        if problem.inertia is not None or any(scene.dynamics is not None for scene in before):
+        if problem.features.inertia is not None or any(scene.dynamics is not None for scene in before):
             kinds += ["initial", "inertia", "damping"]
         kinds += ["gone"] if changing else []
         self.sums = {kind: Sum() for kind in dict.fromkeys(kinds)}
@@ -79,11 +80,11 @@ class EnergyBalance:
     def _kinds_of(problem):
         """To which sum each item but the bodies contributes."""
         of_contacts = {id(pair): f"contact {contact.name}" for contact in problem.contacts for pair in contact.pairs}
-        springs = {id(spring) for spring in problem.springs}
+        springs = {id(spring) for spring in problem.features.springs}
         result = []
         for item in problem.others:
-            kind = "springs" if id(item) in springs else "viscous" if item is problem.viscous else "loads"
-            kind = "inertia" if item is problem.inertia else kind
+            kind = "springs" if id(item) in springs else "viscous" if item is problem.features.viscous else "loads"
+            kind = "inertia" if item is problem.features.inertia else kind
             result.append(of_contacts.get(id(item), kind))
         return result
 
@@ -128,8 +129,8 @@ class EnergyBalance:
                 given = -work(name, self._with_obstacle(item, start, values, begin, end))
                 own["obstacles"] += given
                 own[kind] += given
-        if problem.inertia is not None:
-            own["damping"] += problem.inertia.damped(u)
+        if problem.features.inertia is not None:
+            own["damping"] += problem.features.inertia.damped(u)
         total = problem.space.comm.allreduce(np.array([own[kind] for kind in self.sums]), op=MPI.SUM)
         for one, number in zip(self.sums.values(), total, strict=True):
             one.carried += float(number)
@@ -138,10 +139,15 @@ class EnergyBalance:
 
     def _forces(self, u):
         """Those at ``u`` (n_owned, d), as of `_last`. *Collective.*"""
-        items, unbalanced = self._problem.forces_of_items(u)
-        forces = {"loads": items[0], "supports": -unbalanced, "bodies": items[1]}
-        forces |= {f"item {k}": force for k, force in enumerate(items[2:])}
-        return forces | ({"heat": self._problem.bulk.heat.forces} if "heat" in self.sums else {})
+        problem = self._problem
+        forces = {"loads": -problem.forces.external()}
+        names = ["bodies", *(f"item {k}" for k in range(len(problem.others)))]
+        for name, item in zip(names, problem.items, strict=True):
+            with profile.phase("bulk_assembly" if item is problem.bulk else "contact_assembly"):
+                forces[name] = np.zeros_like(forces["loads"])
+                item.residual(u, forces[name])
+        forces["supports"] = -np.sum(list(forces.values()), axis=0)
+        return forces | ({"heat": problem.bulk.heat.forces} if "heat" in self.sums else {})
 
     def begin(self, u):
         """Begin a phase at ``u``, with the forces that its items exert there. *Collective.*"""
@@ -152,22 +158,25 @@ class EnergyBalance:
         energy less what heat has supplied for it, and kinetic energy. *Collective.*"""
         problem = self._problem
         heat = 0.0 if problem.bulk.heat is None else problem.bulk.heat.energy()
-        moving = problem.inertia is not None and problem.inertia.begun
-        return sum(problem.bulk.energies(u)) - heat, problem.inertia.kinetic() if moving else 0.0
+        return sum(problem.bulk.energies(u)) - heat, problem.features.inertia.kinetic() if self._moves() else 0.0
+
+    def _moves(self):
+        inertia = self._problem.features.inertia
+        return inertia is not None and inertia.begun
 
     def part_with(self, before, u):
         """Count as gone what bodies :meth:`held` at the end of the phase before and do not at the beginning ``u`` of
         this one: that of others. *Collective.*"""
-        (inner, kinetic), moving = self.held(u), self._problem.inertia is not None and self._problem.inertia.begun
+        inner, kinetic = self.held(u)
         self.sums["gone"].carried += before[0] - inner
-        if moving:
+        if self._moves():
             self.sums["gone"].carried += before[1] - kinetic
             self.sums["inertia"].carried -= before[1] - kinetic
 
     def set_off(self, u, first):
         """Begin at ``u`` with inertia: what moves there, and what is strained at the beginning of a run (`first`), is
         energy that nobody has supplied. *Collective.*"""
-        kinetic = self._problem.inertia.kinetic()
+        kinetic = self._problem.features.inertia.kinetic()
         self.sums["inertia"].carried += kinetic
         self.sums["initial"].carried += kinetic + (self._problem.bulk.energies(u)[0] if first else 0.0)
         self.begin(u)
@@ -196,12 +205,12 @@ class EnergyBalance:
             result["contacts"] = contacts
         stored, plastic = self._problem.bulk.energies(u)
         result["stored"] = stored
-        if self._problem.yields:
+        if self._problem.bulk.yields:
             result["plastic"] = plastic
         if "heat" in result:
             result["heat"] += self._problem.bulk.heat.energy()
         if "inertia" in result:
-            inertia = self._problem.inertia
+            inertia = self._problem.features.inertia
             result["kinetic"] = 0.0 if inertia is None else inertia.kinetic()
             result["numerical"] = result.pop("inertia") - result["kinetic"] - result["damping"]
         taken = [stored, plastic, *contacts.values()]

@@ -14,8 +14,8 @@ from pcontact.assembly.item import ActiveSet
 from pcontact.mesh.topology import label
 from pcontact.runtime import log
 from pcontact.runtime.petsc import MPI
+from pcontact.solve.forces import ROUNDINGS
 from pcontact.solve.least_distance import nearest_point
-from pcontact.solve.problem import ROUNDINGS
 from pcontact.space.modes import RigidBodies, component_frames
 
 # [-] Part of the external forces on a body: contact that bears less of them bears none. From: as LEFT of balance.py,
@@ -62,12 +62,13 @@ class LooseBodies:
         *Collective.*
         """
         problem, space = self.problem, self.problem.space
-        applied, residual = problem.applied(u), space.vector()
+        applied, residual = problem.forces.by_component(u), space.vector()
         problem.residual(u, residual)
         forces = residual.getArray(readonly=True).reshape(-1, space.dim)
         # a norm of the residual is this much in the sum of its magnitudes; that of all bodies says nothing of one that
         # bears less than the others leave open
-        least = MORE * np.sqrt(self._unknowns) * np.maximum(space.norms(forces), ROUNDINGS * problem.roundoff_of(u))
+        rounding = ROUNDINGS * problem.forces.roundoff_of(u)
+        least = MORE * np.sqrt(self._unknowns) * np.maximum(space.norms(forces), rounding)
         residual.destroy()
         return np.where(applied > 0.0, np.minimum(least, NOTHING * applied), least)
 
@@ -80,8 +81,8 @@ class LooseBodies:
         list of int
             Connected components.
         """
-        contact = self.problem.borne(u)
-        return np.flatnonzero(self._loose & (contact <= least) & (self.problem.bonds() < np.inf)).tolist()
+        contact = self.problem.active.borne(u)
+        return np.flatnonzero(self._loose & (contact <= least) & (self.problem.active.bonds() < np.inf)).tolist()
 
     def __call__(self, u, before, result):
         """Choose among the solutions of a load step. *Collective.*
@@ -105,8 +106,9 @@ class LooseBodies:
             found, chosen = u.copy(), np.isin(np.arange(len(least)), free)
             placed = self._place(u, before, free)
             # a place without overlap is no solution where an adhesion acts before bodies touch
-            bonds = NOTHING * self.problem.bonds()
-            if placed and np.any((bonds > 0.0) & (self.problem.borne(u) > np.maximum(least, bonds)), where=chosen):
+            bonds = NOTHING * self.problem.active.bonds()
+            borne = self.problem.active.borne(u) if placed else 0.0
+            if placed and np.any((bonds > 0.0) & (borne > np.maximum(least, bonds)), where=chosen):
                 found.copy(u)
                 placed = self._place(u, before, free, True)
             found.destroy()
@@ -126,7 +128,7 @@ class LooseBodies:
         u : PETSc.Vec
             The committed displacement with the prescribed ones entered; overwritten.
         """
-        free = self._loose & (self.problem.touched() == 0.0) & (self.problem.applied(u) == 0.0)
+        free = self._loose & (self.problem.active.touched() == 0.0) & (self.problem.forces.by_component(u) == 0.0)
         if free.any():
             self._place(u, u, np.flatnonzero(free).tolist(), True)
 
@@ -166,7 +168,8 @@ class Points:
         self._comm, fields = space.comm, [space.vector() for _ in bodies.fields]
         for field, values in zip(fields, bodies.fields, strict=True):
             field.setArray(values.ravel())
-        parts = [ActiveSet().clearance(u, fields), *(one.clearance(u, fields, beyond) for _, one in problem.active)]
+        sets = (one for _, one in problem.active.sets)
+        parts = [ActiveSet().clearance(u, fields), *(one.clearance(u, fields, beyond) for one in sets)]
         distance, numbers, rows = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
         # the last place is that of what does not move
         place = np.full(space.mesh.n_components + 1, -1, dtype=np.int64)

@@ -82,7 +82,7 @@ class PartnerUpdate:
         left, self._step, self._searches = [WITHIN], (before, time), 0
 
         # bodies that yield move far, and take as many iterations to flow anew as they took to flow
-        near = NEAR_SOLUTION if self._follows or self.carried or self.problem.yields else 0.0
+        near = NEAR_SOLUTION if self._follows or self.carried or self.problem.bulk.yields else 0.0
         self._gain, self.carried = max(self.carried, 1.0), 0.0
 
         def follow(x, part):

@@ -8,7 +8,7 @@ from pcontact.material.elastic import equivalent_stress
 from pcontact.runtime import log
 from pcontact.runtime.petsc import MPI
 from pcontact.solve.convergence import NEARLY
-from pcontact.solve.problem import ROUNDINGS
+from pcontact.solve.forces import ROUNDINGS
 from pcontact.stepping.loose import Announcer
 
 # [-] Part of the forces of the run that may be out of balance without a word. From: chosen, as BALANCED of
@@ -42,14 +42,15 @@ class Recorder:
         Name of the phase of the run.
     absent : list of str, optional
         Bodies that are not there in it, in a run in which some come or go.
+    energy : pcontact.stepping.energy.EnergyBalance, optional
 
     Notes
     -----
     The constructor is *Collective*.
     """
 
-    def __init__(self, problem, probes, bodies=(), phase=None, absent=None):
-        self._phase, self._absent = phase, absent
+    def __init__(self, problem, probes, bodies=(), phase=None, absent=None, energy=None):
+        self._phase, self._absent, self._energy = phase, absent, energy
         # the largest sum of magnitudes of the run so far, which a restarted run goes on with
         self._problem, self.carried, self._told = problem, 0.0, set()
         # the largest of the norms of the forces at work so far
@@ -78,10 +79,11 @@ class Recorder:
             As in ``report.json``.
         """
         problem, unbalanced = self._problem, step.unbalanced
-        if problem.lower is not None:
+        features = problem.features
+        if features.lower is not None:
             # bodies of degree 1: what is on nodes that follow is on the vertices
             unbalanced = unbalanced.copy()
-            problem.lower.lead(unbalanced)
+            features.lower.lead(unbalanced)
         record = {"time": step.time, **({} if self._phase is None else {"phase": self._phase})}
         record |= {} if self._absent is None else {"absent": list(self._absent)}
         record |= {
@@ -89,7 +91,7 @@ class Recorder:
             "krylov": step.krylov,
             "krylov_most": step.hardest,
             "cutbacks": step.cutbacks,
-            "reactions": problem.reactions(u, unbalanced),
+            "reactions": problem.forces.reactions(u, unbalanced),
             "contacts": {contact.name: contact.summary(u) for contact in problem.contacts},
             "probes": {name: self._probe(*probe, u) for name, probe in self._probes.items()},
             "plastic": self._plastic(),
@@ -100,38 +102,39 @@ class Recorder:
             stretched = problem.bulk.deformations(u)
             if stretched:
                 record["finite_strain"] = {self._bodies[body]: one._asdict() for body, one in stretched.items()}
-        if problem.supports.turns:
-            record["moments"] = problem.moments(u, unbalanced)
-        if problem.viscous is not None:
+        if problem.conditions.supports.turns:
+            record["moments"] = problem.forces.moments(u, unbalanced)
+        if features.viscous is not None:
             record["viscous"] = self._viscous(step.time, u)
-        if problem.energy is not None:
-            record["energy"] = problem.energy.record(u)
-        if problem.inertia is not None:
-            record["inertia"] = problem.inertia.record(u)
+        if self._energy is not None:
+            record["energy"] = self._energy.record(u)
+        if features.inertia is not None:
+            record["inertia"] = features.inertia.record(u)
             self._warn_of_energy(step.time, record)
-        if problem.total:
-            record["loads"] = {load.name: load.record(u, step.time) for load in problem.total}
+        if features.total:
+            record["loads"] = {load.name: load.record(u, step.time) for load in features.total}
         moved = u.getArray(readonly=True).reshape(-1, problem.space.dim)
-        averages = {one.name: one.record(moved, unbalanced) for one in problem.averages}
-        if problem.equations is not None and problem.equations.said:
+        averages = {one.name: one.record(moved, unbalanced) for one in features.averages}
+        if features.equations is not None and features.equations.said:
             # those of mean motions are among them
-            force = np.array(problem.equations.record(unbalanced)["force"])
+            force = np.array(features.equations.record(unbalanced)["force"])
             own = sum((np.array(one["force"]) for one in averages.values()), np.zeros_like(force))
             record["equations"] = {"force": (force - own).tolist()}
-        couplings = [one for one in problem.groups if one not in problem.sections and one is not problem.equations]
+        groups = problem.conditions.groups
+        couplings = [one for one in groups if one not in features.sections and one is not features.equations]
         if couplings:
             averages |= {group.name: group.record(moved, unbalanced) for group in couplings}
         if averages:
             record["couplings"] = averages
-        if problem.sections:
+        if features.sections:
             forces = unbalanced.copy()
-            if problem.release is not None:
-                problem.release.draw(forces)
-            record["pretensions"] = {one.name: one.record(moved, forces, step.time) for one in problem.sections}
-        if problem.release is not None:
-            record["released"] = problem.release.record()
-        if problem.springs:
-            record["springs"] = {spring.name: spring.record(u) for spring in problem.springs}
+            if features.release is not None:
+                features.release.draw(forces)
+            record["pretensions"] = {one.name: one.record(moved, forces, step.time) for one in features.sections}
+        if features.release is not None:
+            record["released"] = features.release.record()
+        if features.springs:
+            record["springs"] = {spring.name: spring.record(u) for spring in features.springs}
         if problem.space.axisymmetric:
             _name_components(record)
         self._warn_of_lost(step.time, record["contacts"])
@@ -151,20 +154,20 @@ class Recorder:
         Residuals of rings, and of all that is symmetric, have no resultant.
         """
         problem, left = self._problem, unbalanced.copy()
-        problem.condense(left)
+        problem.conditions.condense(left)
         borne = unbalanced - left
-        total, residual = problem.resultant(record, u), problem.norm(left)
+        total, residual = problem.forces.resultant(record, u), problem.forces.norm(left)
         # the largest sum of the run: bodies that have parted leave nothing to compare with
-        self.carried = max(self.carried, problem.sum_of_magnitudes(u, borne))
+        self.carried = max(self.carried, problem.forces.sum_of_magnitudes(u, borne))
         imbalance = total / self.carried if self.carried > 0.0 else 0.0
         if max(total, residual) <= UNBALANCED * self.carried:
-            if problem.acts(u, borne, NEARLY * ROUNDINGS):
+            if problem.forces.acts(u, borne, NEARLY * ROUNDINGS):
                 self._warn_of_rounding(time, u)
             return imbalance
-        rounded = NEARLY * ROUNDINGS * problem.roundoff(u)
-        if total > ROUNDINGS * problem.rounding_of_sum(u) or residual > rounded:
+        rounded = NEARLY * ROUNDINGS * problem.forces.roundoff(u)
+        if total > ROUNDINGS * problem.forces.rounding_of_sum(u) or residual > rounded:
             why = "the residual that the tolerances leave does: smaller ones (-snes_rtol), or smaller load steps"
-        elif problem.acts(u, borne, NEARLY * ROUNDINGS):
+        elif problem.forces.acts(u, borne, NEARLY * ROUNDINGS):
             why = "rounding errors of the stresses hide them, the displacements are right only where they are imposed"
         else:
             # bodies that move, or touch, without any force leave rounding errors alone
@@ -206,7 +209,7 @@ class Recorder:
         """Work of the viscous stabilisation, and over that of the stresses; warn once where it is not small.
         *Collective.*
         """
-        viscous = self._problem.viscous
+        viscous = self._problem.features.viscous
         ratio = viscous.account(u)
         if ratio > VISCOUS and "viscous" not in self._told:
             self._told.add("viscous")
@@ -244,8 +247,8 @@ class Recorder:
         if "rounding" in self._told:
             return
         problem = self._problem
-        self._acting = max(self._acting, problem.acting(u))
-        errors = problem.roundoff_of(u)
+        self._acting = max(self._acting, problem.forces.acting(u))
+        errors = problem.forces.roundoff_of(u)
         part = np.linalg.norm(errors) / self._acting if self._acting > 0.0 else 0.0
         if part > ROUNDING_PART:
             self._told.add("rounding")
@@ -335,5 +338,5 @@ def _name_components(record):
 def _held(problem):
     """Flags (n_components,) of the connected components of which a displacement is prescribed. *Collective.*"""
     space, held = problem.space, np.zeros(problem.space.mesh.n_components, dtype=bool)
-    held[space.component[problem.supports.fixed.any(axis=1)]] = True
+    held[space.component[problem.conditions.supports.fixed.any(axis=1)]] = True
     return space.comm.allreduce(held.astype(np.int64), op=MPI.SUM) > 0

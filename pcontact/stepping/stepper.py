@@ -81,12 +81,15 @@ class Stages(NamedTuple):
         Goes on from the solution of the load step, see :class:`pcontact.stepping.uzawa.Uzawa`.
     rest : callable, optional
         After that, says where bodies are that nothing holds, see :class:`pcontact.stepping.loose.LooseBodies`.
+    energy : pcontact.stepping.energy.EnergyBalance, optional
+        Sums up the works of the load step.
     """
 
     start: Callable | None = None
     renew: Callable | None = None
     settle: Callable | None = None
     rest: Callable | None = None
+    energy: object = None
 
 
 class Stepper:
@@ -155,7 +158,7 @@ class Stepper:
     def begin(self):
         """Begin a run, or a phase of it, at the committed displacement: bodies with inertia have a velocity, and forces
         act from the first moment on. *Collective.*"""
-        inertia, energy = self.problem.inertia, self.problem.energy
+        inertia, energy = self.problem.features.inertia, self._stages.energy
         if inertia is None:
             return
         time, fresh = self.schedule.time, not inertia.begun
@@ -176,7 +179,7 @@ class Stepper:
             target = self.schedule.next()
             committed = self.u.copy()
             result = self._attempt(target, committed)
-            error = self.problem.error(self.u) if result.converged else 0.0
+            error = max((item.error(self.u) for item in self.problem.others), default=0.0) if result.converged else 0.0
             if self.schedule.refuses(target, error):
                 result = replace(result, converged=False, reason=f"a local error of {error:.2g} times the allowed one")
             if result.converged:
@@ -219,7 +222,7 @@ class Stepper:
         """Whether observers are told of the load step that ends at a time."""
         if self.every or self.schedule.ends(target):
             return True
-        return self.problem.energy is not None or self.problem.viscous is not None
+        return self._stages.energy is not None or self.problem.features.viscous is not None
 
     def iterate(self, norms):
         """Tell the observers of an iterate of Newton's method."""
@@ -227,19 +230,19 @@ class Stepper:
             observer.iterate(self.number + 1, self.problem.time, norms)
 
     def _attempt(self, target, before):
-        start, (begin, renew, settle, rest) = clock.perf_counter(), self._stages
-        expected = self._expected(self.problem.expected(self.u, target) if begin is None else begin(target))
+        start, (begin, renew, settle, rest, _) = clock.perf_counter(), self._stages
+        expected = self._expected(target) if begin is None else self._as_vector(begin(target))
         self.problem.time = target
         with profile.phase("search"):
-            motion, ahead = self.problem.imposed(self.u, target), self._ahead(target, expected)
+            motion, ahead = self.problem.conditions.imposed(self.u, target), self._ahead(target, expected)
             for item in self.problem.items:
                 item.detect(self.u, target, motion, ahead)
         middle, searched = clock.perf_counter(), self.timing["search"]
         with profile.phase("solve"):
-            onward = self._continued(target, motion) if self.problem.continues else None
-            self.problem.prescribe(self.u, target, onward)
+            onward = self._continued(target, motion) if self.problem.prediction.continues else None
+            self.problem.prediction.begin(self.u, target, onward)
             if expected is not None:
-                self.problem.expect(self.u, expected)
+                self.problem.prediction.expect(self.u, expected)
             if rest is not None and self._last is not None:
                 rest.begin(self.u)
             if renew is None:
@@ -259,7 +262,7 @@ class Stepper:
 
     def _unbalanced(self, before, target):
         """See :attr:`Step.unbalanced`; works are summed up on the way. *Collective.*"""
-        energy = self.problem.energy
+        energy = self._stages.energy
         if energy is None:
             return self.problem.unbalanced(self.u)
         return energy.account(self.u, before, self.schedule.time, target)
@@ -287,7 +290,12 @@ class Stepper:
         way.axpy(1.0, self.u)
         return way
 
-    def _expected(self, values):
+    def _expected(self, target):
+        """Displacement that an item expects at the end of the load step, a vector; None. *Collective.*"""
+        found = (item.expected(self.u, target) for item in self.problem.others)
+        return self._as_vector(next((one for one in found if one is not None), None))
+
+    def _as_vector(self, values):
         """A displacement (n_owned, d) as a vector; None for None. *Collective.*"""
         if values is None:
             return None

@@ -46,8 +46,8 @@ class Watch(Observer):
         parts = WORLD.gather(mine)
         row = {"number": step.number, "record": record, "energy": energy, "cutbacks": step.cutbacks}
         # forces of rounding errors that Newton's method takes for zero
-        row["floor"] = 8.0 * problem.roundoff(u)
-        row["applied"] = WORLD.allreduce(problem.applied_forces(u).sum(axis=0))
+        row["floor"] = 8.0 * problem.forces.roundoff(u)
+        row["applied"] = WORLD.allreduce(problem.forces.applied(u).sum(axis=0))
         row["points"] = {contact.name: points_of(contact, u) for contact in problem.contacts}
         if self.tangent:
             row["singular"] = singular(self.simulation)
@@ -88,7 +88,7 @@ def singular(simulation):
     jacobian, problem = simulation.newton.snes.getJacobian()[0], simulation.problem
     n = jacobian.getSize()[0]
     dense = np.array(jacobian.getValues(range(n), range(n)))
-    free = ~problem.fixed.ravel()
+    free = ~problem.conditions.fixed.ravel()
     dense[np.diag_indices(n)] -= np.repeat(problem.stabilisation, problem.space.dim) * free
     dense = dense[np.ix_(free, free)]
     return float(np.linalg.svd(dense, compute_uv=False)[-1] / np.abs(dense).max())

@@ -112,7 +112,7 @@ def l2_error(path, order, theta):
         factor = amplitude(None, 1.0)
         forces = [body_force(space), shear_force(space, "top"), shear_force(space, "bottom")]
         problem.forces += [(force, factor) for force in forces]
-        problem.supports.values = lambda time: exact(space.points)[0]
+        problem.conditions.supports.values = lambda time: exact(space.points)[0]
         assert simulation.run()
         constants = [in_plane(*lame(E_MODULUS, NU), "plane_stress")]
         error = bulk_error(space, constants, simulation.stepper.u, exact)

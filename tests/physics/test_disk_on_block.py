@@ -59,7 +59,7 @@ def test_contact_carries_the_weight(shared_tmp, theta):
     simulation = Simulation(scene(path, theta))
     try:
         assert simulation.run()
-        weight = WORLD.allreduce(simulation.problem.external(1.0).sum(axis=0))
+        weight = WORLD.allreduce(simulation.problem.forces.external(1.0).sum(axis=0))
         assert weight[1] == pytest.approx(-FORCE * np.pi * 0.25**2, rel=1e-2)  # a polygon instead of a disk
         force = simulation.problem.contacts[0].summary(simulation.stepper.u)["force"]
         assert force[1] == pytest.approx(weight[1], rel=1e-8)

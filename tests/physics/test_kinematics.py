@@ -188,7 +188,7 @@ def test_stacked_cylinders(shared_tmp, cell, order, theta, friction):
         # radially they are held by their hoops, and turning is no rigid motion
         assert simulation.floating == {1: 1}
         record = simulation.problem.contacts[0].summary(simulation.stepper.u)
-        support = simulation.problem.reactions(simulation.stepper.u)["lower_bottom"]
+        support = simulation.problem.forces.reactions(simulation.stepper.u)["lower_bottom"]
         return *nodal(simulation), stresses(simulation), record, support
 
     u, x, stress, pair_, support = solved(scene, look)
@@ -223,7 +223,7 @@ def test_shaft_in_a_sleeve(shared_tmp, theta):
         assert simulation.floating == {}
         problem, u = simulation.problem, simulation.stepper.u
         record = problem.contacts[0].summary(u)
-        total = problem.resultant({"reactions": problem.reactions(u), "contacts": {"c": record}}, u)
+        total = problem.forces.resultant({"reactions": problem.forces.reactions(u), "contacts": {"c": record}}, u)
         return record, total
 
     pair_, imbalance = solved(scene, look)
@@ -284,7 +284,7 @@ def test_as_stiff_as_in_space(shared_tmp):
     forces = []
     for kinematics, h in (("axisymmetric", 1.5), ("plane_strain", 3.0)):
         scene = balls(shared_tmp / f"{kinematics}.msh", kinematics, h, 2.0)
-        forces.append(solved(scene, lambda s: s.problem.reactions(s.stepper.u)["lower_flat"][-1]))
+        forces.append(solved(scene, lambda s: s.problem.forces.reactions(s.stepper.u)["lower_flat"][-1]))
     assert forces[0] == pytest.approx(4 * forces[1], rel=0.01)
 
 
@@ -298,7 +298,7 @@ def test_ball_on_a_rigid_plane(shared_tmp):
         Contact("upper_skin", obstacle=plane, name="c", friction=None),
         Contact("lower_skin", obstacle=Obstacle("plane", point=[0.0, 0.0], normal=[0.0, -1.0]), name="d"),
     ]
-    force = [solved(scene, lambda s: s.problem.reactions(s.stepper.u)["lower_flat"][1]) for scene in (both, one)]
+    force = [solved(scene, lambda s: s.problem.forces.reactions(s.stepper.u)["lower_flat"][1]) for scene in (both, one)]
     # (a / R)^2 = 0.01: two balls measure their gap along other lines than a ball and a plane
     assert force[0] == pytest.approx(force[1], rel=0.01)
 
@@ -431,10 +431,10 @@ def test_a_mesh_across_the_axis_is_refused(tmp_path):
 def test_nodes_on_the_axis_stay_there(tmp_path):
     """Held without a word of the scene, whatever else is prescribed there; they cannot be asked to leave."""
     simulation = Simulation(scene_of(tmp_path))
-    fixed, space = simulation.problem.supports.fixed, simulation.problem.space
+    fixed, space = simulation.problem.conditions.supports.fixed, simulation.problem.space
     np.testing.assert_array_equal(fixed[:, 0], space.points[:, 0] < 1e-12)
     np.testing.assert_array_equal(fixed[:, 1], space.points[:, 1] < 1e-12)
-    assert simulation.floating == {} and list(simulation.problem.reactions(space.vector())) == ["bottom"]
+    assert simulation.floating == {} and list(simulation.problem.forces.reactions(space.vector())) == ["bottom"]
     simulation.close()
     with pytest.raises(InputError, match=r"displacements\[0\] \(bottom\).value: found 0.1 in direction 0 on the axis"):
         Simulation(scene_of(tmp_path, value="0.1"))

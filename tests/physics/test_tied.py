@@ -105,7 +105,7 @@ def bent(path, dim, whole, theta=0.0):
         case.bodies, case.contacts = [Body("block", "m")], []
     with running(case) as (simulation, converged):
         assert converged
-        work = simulation.problem.external(1.0)
+        work = simulation.problem.forces.external(1.0)
         own = np.sum(work * simulation.stepper.u.getArray().reshape(work.shape))
     return WORLD.allreduce(float(own))
 

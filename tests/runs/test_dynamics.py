@@ -177,7 +177,7 @@ def test_a_run_without_has_nothing_of_it(shared_tmp):
     scene.displacements.append(Displacement("top", ["free", -HEIGHT]))
     simulation = Simulation(scene, SELF)
     try:
-        assert simulation.problem.inertia is None and simulation.problem.energy is None
+        assert simulation.problem.features.inertia is None and simulation.energy is None
         assert all(item.name != "inertia" for item in simulation.problem.items)
         assert scene.output.energy is False and simulation.scene.contacts[0].theta == 0.0
     finally:

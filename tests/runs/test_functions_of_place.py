@@ -231,7 +231,7 @@ def test_bad_expressions(mesh, change, parts):
     with pytest.raises(InputError) as caught:
         simulation = Simulation(case, SELF)
         try:
-            simulation.problem.external(0.0)
+            simulation.problem.forces.external(0.0)
         finally:
             simulation.close()
     for part in parts:

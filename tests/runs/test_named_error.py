@@ -425,7 +425,7 @@ def test_a_preconditioner_serves_several_load_steps(shared_tmp, monkeypatch):
         try:
             assert simulation.run()
             problem, u = simulation.problem, simulation.stepper.u
-            return kept.count(False), problem.reactions(u, problem.unbalanced(u))["upper_top"]
+            return kept.count(False), problem.forces.reactions(u, problem.unbalanced(u))["upper_top"]
         finally:
             simulation.free()
 

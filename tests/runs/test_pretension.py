@@ -128,7 +128,7 @@ def test_a_half_that_contact_alone_holds(mesh):
     simulation = Simulation(case, WORLD)
     solved, problem = simulation.run(keep=True), simulation.problem
     here, there = simulation.stepper.u, simulation.stepper.u.copy()
-    problem.enter(there, problem.time)
+    problem.conditions.enter(there, problem.time)
     here.axpy(-1.0, there)
     apart = here.norm(3)
     simulation.close()

@@ -98,7 +98,7 @@ def test_works_and_moments_in_space(mesh):
     case = scene(mesh[3], [Displacement("bottom", [0, 0, 0])], loads, nu=0.3)
     simulation, steps = simulated(case, WORLD)
     problem, space = simulation.problem, simulation.problem.space
-    forces, u = problem.external(1.0), simulation.stepper.u.getArray(readonly=True).reshape(-1, 3)
+    forces, u = problem.forces.external(1.0), simulation.stepper.u.getArray(readonly=True).reshape(-1, 3)
     x = space.points[space.owned_local]
     total = WORLD.allreduce(np.concatenate([forces.sum(axis=0), np.cross(x, forces).sum(axis=0)]))
     expected = np.concatenate([sum(np.array(one.force) for one in loads if one.force), np.zeros(3)])

@@ -65,7 +65,7 @@ def test_bodies_that_hold_still_feel_nothing(tmp_path, mesh, caplog):
 def test_tangent_is_the_derivative(mesh):
     simulation = Simulation(scene(mesh, ["free", 0]), SELF)
     try:
-        item, space = simulation.problem.viscous, simulation.problem.space
+        item, space = simulation.problem.features.viscous, simulation.problem.space
         assert isinstance(item, ViscousStabilisation) and item is simulation.problem.others[-1]
         rng = np.random.default_rng(0)
         begin, u, way = rng.normal(size=(3, space.n_owned, space.dim))

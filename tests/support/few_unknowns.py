@@ -7,6 +7,7 @@ import numpy as np
 from pcontact.runtime.options import Options
 from pcontact.runtime.petsc import MPI, PETSc, own_options
 from pcontact.solve.newton import Newton
+from pcontact.solve.problem import Features
 
 SELF = MPI.COMM_SELF
 
@@ -27,9 +28,9 @@ class FewUnknowns:
         Whether the tangent is constant; whether there are points that may slip.
     """
 
-    yields = predicts = stabilised = extrapolates = continues = goes_on = False
-    loose, contacts = (), ()
-    pattern_changes, time = 0, 1.0
+    committed, goes_on = None, False
+    contacts, pattern_changes, time = (), 0, 1.0
+    features = Features()
 
     def __init__(self, n, residual, tangent, load=1.0, terms=None, linear=False, slips=False):
         self._residual, self._tangent, self._load, self.linear = residual, tangent, load, linear
@@ -38,7 +39,8 @@ class FewUnknowns:
         self.space = SimpleNamespace(comm=SELF, dim=2, n_dofs=n, mesh=mesh, vector=self._vector)
         self.fixed = np.zeros((n, 1), dtype=bool)
         self.others = [SimpleNamespace(can_slip=slips, stiff=False, name="pair")]
-        self.bulk = SimpleNamespace(flowing=lambda u: 0.0)
+        self.bulk = SimpleNamespace(flowing=lambda u: 0.0, yields=False, extrapolates=False)
+        self.conditions = self.forces = self.active = self.prediction = self
         matrix = PETSc.Mat().createAIJ((n, n), nnz=n, comm=SELF)
         self.matrix = SimpleNamespace(matrix=matrix, operator=matrix, default="aij", choose=lambda kind: None)
         self.evaluations = 0
@@ -91,9 +93,6 @@ class FewUnknowns:
 
     def stiffness_scale(self, u):
         return self._load
-
-    def rounding_of_contacts(self, u):
-        return {}
 
     def worst(self, f):
         values = np.abs(f.getArray(readonly=True))

@@ -56,7 +56,7 @@ def slanted(path, n_lower=2, n_upper=4, order=1, cell="quadrilateral"):
 def moved(scene, place, look=lambda simulation: None, observers=(), begin=lambda simulation: None, comm=WORLD):
     """What ``look`` makes of a simulation that converges, whose supports are at ``place(x, time)``. Collective."""
     simulation = Simulation(scene, comm)
-    supports, points = simulation.problem.supports, simulation.problem.space.points
+    supports, points = simulation.problem.conditions.supports, simulation.problem.space.points
     supports.values = lambda time: np.where(supports.fixed, place(points, time) - points, 0.0)
     begin(simulation)
     try:

@@ -214,7 +214,7 @@ class ContactRows:
     def __call__(self):
         """Global rows (n,) of this rank, sorted. *Collective.*"""
         space = self._problem.space
-        nodes = [ActiveSet().active_nodes(), *(one.active_nodes() for _, one in self._problem.active)]
+        nodes = [ActiveSet().active_nodes(), *(one.active_nodes() for _, one in self._problem.active.sets)]
         nodes = np.unique(np.concatenate(nodes))
         count = space.comm.allreduce(len(nodes)) * space.dim
         if count and not self._said:

@@ -71,7 +71,7 @@ class Deflation(ContactPreconditioner):
     """
 
     def __init__(self, problem, bodies):
-        self._basis = rigid_motions(problem.space, problem.fixed, bodies)
+        self._basis = rigid_motions(problem.space, problem.conditions.fixed, bodies)
         self.inner, self.size, self._solver = None, self._basis.getSize()[1], None
         log.info("coarse space of %d rigid motions of %d loose bodies around multigrid", self.size, len(bodies))
 
@@ -141,6 +141,6 @@ def deflation(problem, options):
     problem : pcontact.solve.problem.Problem
     options : pcontact.runtime.options.Options
     """
-    if not problem.loose or options.get("pc_type", "gamg") not in MULTIGRID:
+    if not problem.features.loose or options.get("pc_type", "gamg") not in MULTIGRID:
         return None
-    return Deflation(problem, problem.loose)
+    return Deflation(problem, problem.features.loose)

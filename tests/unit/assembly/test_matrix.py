@@ -371,8 +371,8 @@ def test_tangent_of_the_problem_is_the_derivative_of_its_residual(both, theta):
     for item in items[1:]:
         item.detect(space.vector(), 1.0)
     problem.time = 0.5
-    problem.prescribe(u, 0.5)
-    fixed = problem.fixed
+    problem.prediction.begin(u, 0.5)
+    fixed = problem.conditions.fixed
     v = np.where(fixed, 0.0, 1e-6 * field(space, 4))
     residuals = []
     for shift in (0.0, 1.0):
@@ -386,7 +386,7 @@ def test_tangent_of_the_problem_is_the_derivative_of_its_residual(both, theta):
     assert np.all(residuals[0][fixed] == 0.0)
     unbalanced = problem.unbalanced(u)
     np.testing.assert_allclose(unbalanced[~fixed], residuals[0][~fixed], atol=1e-13)
-    reactions = problem.reactions(u)
+    reactions = problem.forces.reactions(u)
     total = WORLD.allreduce(np.where(fixed, unbalanced, 0.0).sum(axis=0))
     np.testing.assert_allclose(sum(np.array(r) for r in reactions.values()), total, atol=1e-11)
 

@@ -120,7 +120,7 @@ def test_a_component_has_its_value_and_its_derivative(solved, of, axis):
     elif word == "force":
         change = problem.contacts[0].summary(moved)["force"][axis] - goal.value
     else:
-        change = problem.reactions(moved, problem.unbalanced(moved))[name][axis] - goal.value
+        change = problem.forces.reactions(moved, problem.unbalanced(moved))[name][axis] - goal.value
     assert change / step == pytest.approx(slope, rel=1e-4)
 
 

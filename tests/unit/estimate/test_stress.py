@@ -41,7 +41,7 @@ def estimates(path, material, order, kinematics, of, friction, lower=None, **mor
     try:
         assert simulation.run(None, [watch], keep=True)
         estimate, u = simulation.error_estimate, simulation.stepper.u
-        unbalanced = np.zeros_like(simulation.problem.fixed, dtype=float)
+        unbalanced = np.zeros_like(simulation.problem.conditions.fixed, dtype=float)
         goal = estimate.of_quantity(Target(0.1, of), watch.record, u, 1.0, unbalanced)
         return watch.record["estimate"], np.concatenate(estimate.cells), np.concatenate(goal.cells)
     finally:

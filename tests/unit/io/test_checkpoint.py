@@ -269,7 +269,7 @@ def altered(folder, half, change):
 def resume(shared_tmp, half):
     """Reads all of a checkpoint for a run that goes on; returns the message, the same on all ranks. *Collective.*"""
     simulation = Simulation(lay(shared_tmp / "case"))
-    space, items = simulation.problem.space, simulation.problem.parts
+    space, items = simulation.problem.space, simulation.remembering
     identity = Identity.of([simulation.scene], space, remembering(items))
 
     def read(folder):

@@ -36,7 +36,7 @@ def test_balance(simulation):
     problem = simulation.problem
     space = problem.space
     problem.items[1].detect(space.vector(), 0.0)
-    balance = Balance(problem, free_motions(space, problem.supports))
+    balance = Balance(problem, free_motions(space, problem.conditions.supports))
     u, y, f = (space.vector() for _ in range(3))
     balance.begin(u)
     number = problem.space.mesh.component_names.index("upper")

@@ -72,7 +72,7 @@ def test_a_residual_that_hardly_points_along_the_step():
 
     for turns in (True, False):
         problem = FewUnknowns(2, residual, tangent)
-        problem.extrapolates = turns
+        problem.bulk.extrapolates = turns
         # the first step of a load step is another matter, see `APPROACH`
         result, u = solved(problem, np.zeros(2), newton_without="half_step")
         assert result.converged and result.newton == 2
@@ -91,7 +91,7 @@ def bent(stiffness=1e6, force=1.0):
         return np.array([[stiffness, stiffness * u[1]], [stiffness * u[1], along + stiffness * u[1] ** 2 + 1.0]])
 
     problem = FewUnknowns(2, residual, tangent)
-    problem.extrapolates = True
+    problem.bulk.extrapolates = True
     return problem
 
 
@@ -120,7 +120,7 @@ def test_a_step_is_taken_back_where_the_next_one_is_no_shorter():
 
     problem = FewUnknowns(2, residual, tangent)
     assert not solved(problem, [20.0, 0.0], newton_without="line_search,half_step", snes_max_it=9)[0].converged
-    problem.extrapolates = True
+    problem.bulk.extrapolates = True
     result, u = solved(problem, [20.0, 0.0])
     assert result.converged
     np.testing.assert_allclose(u, [0.0, 1.0], atol=1e-9)
@@ -133,7 +133,7 @@ def test_a_step_is_halved_until_the_residual_has_a_value():
         return -2.0 - np.log(np.where(u < 1.0, 1.0 - u, np.nan))
 
     problem = FewUnknowns(1, residual, lambda u: np.diag(1.0 / (1.0 - u)))
-    problem.extrapolates = True
+    problem.bulk.extrapolates = True
     result, u = solved(problem, [-3.0])
     assert result.converged and u[0] == pytest.approx(1.0 - np.exp(-2.0))
 

@@ -29,7 +29,7 @@ def frequencies(scene, count):
     try:
         assert simulation.run()
         squares, shapes = simulation.modes(count)
-        free = ~simulation.problem.fixed
+        free = ~simulation.problem.conditions.fixed
         assert all(not shape[~free].any() for shape in shapes)
         return np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi)
     finally:

@@ -377,7 +377,7 @@ def test_motions_change_distances_as_foreseen(tmp_path):
         moved = space.vector()
         moved.setArray(bodies.field(amounts).ravel())
         np.testing.assert_allclose(bodies.amounts(bodies.field(amounts)), amounts, atol=1e-14)
-        for _, active in problem.active:
+        for _, active in problem.active.sets:
             before, numbers, rows = active.clearance(u, fields)
             after = active.clearance(moved, fields)[0]
             known = sum((rows[:, k] * amounts[numbers[:, k]]).sum(axis=1) * (numbers[:, k] >= 0) for k in (0, 1))

@@ -98,7 +98,7 @@ def test_newton_has_the_derivative_of_what_is_frozen(path):
             stale = (here - newton._f).norm() / max(newton._f.norm(), 1e-12)
             # the same direction whatever the ranks
             way = np.sin(space.points[space.owned_local] * (3.0 + next(seeds)) + 1.0)
-            way[problem.fixed] = 0.0
+            way[problem.conditions.fixed] = 0.0
             v, eps = space.vector(), 1e-9
             v.setArray(way.ravel())
             both, status = [], []
@@ -112,7 +112,7 @@ def test_newton_has_the_derivative_of_what_is_frozen(path):
             difference = (both[0] - both[1]) * (0.5 / eps)
             problem.matrix.matrix.mult(v, product)
             array = product.getArray().reshape(way.shape)
-            array[problem.fixed] = 0.0
+            array[problem.conditions.fixed] = 0.0
             errors.append((stale, (difference - product).norm() / product.norm(), turns))
 
         problem.tangent = check
@@ -152,7 +152,8 @@ class Flipping:
 
 def flipped(times, most, change=0.0):
     both = Flipping(times, change)
-    problem = SimpleNamespace(yields=False, others=[both], space=SimpleNamespace(comm=MPI.COMM_SELF))
+    bulk, space = SimpleNamespace(yields=False), SimpleNamespace(comm=MPI.COMM_SELF)
+    problem = SimpleNamespace(bulk=bulk, others=[both], space=space)
     update = PartnerUpdate(problem, both, most, 1e-3, [both])
     return both, update, update(None, None, 1.0)
 
@@ -172,7 +173,9 @@ class Iterating(Flipping):
 def test_bodies_that_yield_find_partners_near_the_solution(yields):
     """And need no run of their own for them: others look for them where Newton's method has ended."""
     both = Iterating(1)
-    problem = SimpleNamespace(yields=yields, others=[both], space=SimpleNamespace(comm=MPI.COMM_SELF))
+    problem = SimpleNamespace(
+        bulk=SimpleNamespace(yields=yields), others=[both], space=SimpleNamespace(comm=MPI.COMM_SELF)
+    )
     update = PartnerUpdate(problem, both, 6, 1e-3, [both])
     outcome = update(None, None, 1.0)
     assert both.found == [False, yields] and both.runs == (not yields)

@@ -10,9 +10,10 @@ from pcontact.runtime.petsc import MPI
 from pcontact.scene.amplitude import drive
 from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Obstacle, Output, Scene, Steps
 from pcontact.simulation import Simulation
+from pcontact.solve.problem import Features
 from pcontact.solve.result import NewtonResult
 from pcontact.stepping.schedule import Schedule
-from pcontact.stepping.stepper import Stepper
+from pcontact.stepping.stepper import Stages, Stepper
 from tests.support.records import Log
 
 WORLD = MPI.COMM_WORLD
@@ -142,10 +143,11 @@ class Number:
 class MadeUp:
     """Problem, space and item at once, with a record of who called what."""
 
-    extrapolates, continues, energy = False, False, None
+    continues, features = False, Features()
 
     def __init__(self):
         self.space, self.items, self.others, self.time, self.calls = self, [self], [], 0.0, []
+        self.conditions = self.prediction = self
 
     def vector(self):
         return Number()
@@ -156,16 +158,10 @@ class MadeUp:
     def detect(self, u, time, motion, ahead):
         self.calls.append(("detect", u.value, time))
 
-    def expected(self, u, time):
-        return None
-
-    def error(self, u):
-        return 0.0
-
     def commit(self, u, time):
         self.calls.append(("commit", u.value, time))
 
-    def prescribe(self, u, time, ahead=None):
+    def begin(self, u, time, ahead=None):
         u.value = time
 
     def unbalanced(self, u):
@@ -217,7 +213,7 @@ def test_observers_are_told_of_the_last_load_step_alone():
     """But of all where records sum up works."""
     for energy, told in ((None, [4]), ("balance", [1, 2, 3, 4])):
         loop, problem, watch = stepper(1.0, count=4)
-        loop.every, problem.energy, problem.viscous = False, energy, None
+        loop.every, loop._stages = False, Stages(energy=energy)
         loop._unbalanced = lambda before, target: None
         loop.run()
         assert [step.number for step in watch.records] == told and problem.calls[-1] == ("commit", 101.0, 1.0)

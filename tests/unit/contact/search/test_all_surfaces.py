@@ -143,7 +143,7 @@ def test_heap_on_any_ranks(shared_tmp, dim, hollow):
         case = heap_scene(path, dim, 5, steps=1, overlap=0.03, petsc=TIGHT)
         found, u, simulation = summary_of(case, comm)
         assert simulation.mesh.n_components == 5 and len(simulation.problem.items) == 2 + 2 * dim
-        assert sorted(simulation.problem.loose) == sorted(simulation.floating) == list(range(5))
+        assert sorted(simulation.problem.features.loose) == sorted(simulation.floating) == list(range(5))
         assert len(found["all"]["bodies"]) == 5
         results.append((found, u))
     (one, u), (other, v) = results
@@ -172,7 +172,7 @@ def test_rigid_motions(tmp_path):
     simulation = Simulation(heap_scene(path, 2, 5))
     try:
         problem = simulation.problem
-        basis = rigid_motions(problem.space, problem.fixed, sorted(simulation.floating))
+        basis = rigid_motions(problem.space, problem.conditions.fixed, sorted(simulation.floating))
         assert basis.getSize() == (problem.space.n_dofs, 15)
         x, u = basis.createVecRight(), problem.space.vector()
         x.setArray(np.random.default_rng(1).normal(size=15))
