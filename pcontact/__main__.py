@@ -9,7 +9,7 @@ if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
 import sys  # noqa: E402
 from importlib import import_module  # noqa: E402
 
-from pcontact.runtime import log, start, streams  # noqa: E402
+from pcontact.runtime import log, process  # noqa: E402
 from pcontact.runtime.errors import InputError, NoPetsc  # noqa: E402
 from pcontact.usage import parse, usage  # noqa: E402
 
@@ -22,9 +22,9 @@ def main(arguments=None):
     except InputError:
         # told below, as all that is wrong
         command = None
-    streams.reserve()
+    process.reserve()
     # of several processes the first one speaks
-    log.setup(0 if start.is_first() else 1)
+    log.setup(0 if process.is_first() else 1)
     if command == "help":
         log.info("%s", usage(about))
         log.finish()

@@ -63,10 +63,8 @@ from pcontact.scene.target import Budget, Target
 from pcontact.scene.unsafe import unsafe
 from pcontact.solve.preconditioners.deflation import MOST_COLOURS
 from pcontact.solve.problem import Features, Problem
-from pcontact.space.equations import Equations, linear_rows, pair_rows, term_rows
+from pcontact.space.constraints import Equations, PretensionSection, RigidGroup, linear_rows, pair_rows, term_rows
 from pcontact.space.modes import colour, component_frames, free_motions, join
-from pcontact.space.rigid import RigidGroup
-from pcontact.space.section import PretensionSection
 from pcontact.space.space import Space
 from pcontact.space.supports import Supports
 from pcontact.space.turn import Turn

@@ -23,7 +23,7 @@ from pcontact.io.summary import JsonLines, PassLines, summary
 from pcontact.io.template import write_example, write_template
 from pcontact.mesh.hdf5 import convert, mesh_sizes
 from pcontact.mesh.mesh import size_of
-from pcontact.runtime import log, signals
+from pcontact.runtime import log, process
 from pcontact.runtime.commands import CONVERT, DEMO, JSON, MODES, NEW, WARM
 from pcontact.runtime.declared import COMMAND_LINE, read_all
 from pcontact.runtime.errors import TOLD, InputError
@@ -438,7 +438,7 @@ def guarded(function, *args):
     comm = MPI.COMM_WORLD
     log.setup(comm.rank)
     try:
-        with signals.stopping(comm.rank == 0):
+        with process.stopping(comm.rank == 0):
             return function(*args)
     except TOLD as error:
         log.error_line(error)

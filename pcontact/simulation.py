@@ -27,7 +27,7 @@ from pcontact.io.snapshot import Snapshot
 from pcontact.mesh.mesh import bounding_box
 from pcontact.mesh.plex import view
 from pcontact.mesh.topology import Numbers
-from pcontact.runtime import compiling, log, profile, start
+from pcontact.runtime import compiling, log, process, profile
 from pcontact.runtime.errors import TOLD, StepFailure, Stopped
 from pcontact.runtime.jit import CALLS
 from pcontact.runtime.kernel_cache import tell_uncached
@@ -41,8 +41,8 @@ from pcontact.scene.phases import come_and_go, phase_at, scene_of, spans
 from pcontact.scene.validate import check_degrees
 from pcontact.solve.newton import Newton
 from pcontact.solve.vibration import frequencies
-from pcontact.space.carried import carried
 from pcontact.space.modes import near_null_space
+from pcontact.space.space import carried
 from pcontact.stepping.energy import EnergyBalance
 from pcontact.stepping.loose import LooseBodies
 from pcontact.stepping.partner_update import updates
@@ -189,7 +189,7 @@ class Simulation:
         self.accuracy = Choice()
         self.scene = build.override(scene, self.options, self.accuracy)
         # a library says what was not used to who calls it
-        for line in () if start.is_library() else self.options.strange():
+        for line in () if process.is_library() else self.options.strange():
             log.warning("%s", line)
         if mesh is None or callable(mesh):
             self.mesh = build.read(self.scene, self.comm, self.options) if mesh is None else mesh(self.scene)

@@ -17,7 +17,7 @@ from pcontact.io.examples import lay_out, scenes
 from pcontact.runtime import kernel_cache, log
 from pcontact.runtime.errors import InputError, OutputError
 from pcontact.runtime.files import replace_file
-from pcontact.runtime.start import environment_outside
+from pcontact.runtime.process import environment_outside
 from pcontact.scene import read_scene
 from pcontact.simulation import Simulation
 

@@ -11,7 +11,7 @@ from drivers.studies._press import make_scene
 from meshes import ball_on_block
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import MPI, PETSc
-from pcontact.runtime.start import environment_outside
+from pcontact.runtime.process import environment_outside
 
 ROOT = Path(__file__).resolve().parents[2]
 # of `drivers.studies._press`, by the names of the comparison

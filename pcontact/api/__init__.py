@@ -5,10 +5,10 @@ nothing, raises what goes wrong, and leaves nothing behind but what it returns.
 """
 
 # ruff: noqa: E402
-from pcontact.runtime import start
+from pcontact.runtime import process
 
 # before PETSc starts: the command line is the caller's
-start.as_library()
+process.as_library()
 
 from pcontact.api.fields import Fields
 from pcontact.api.meshes import mesh_from

@@ -22,7 +22,7 @@ from pcontact.api.tables import Table, Tables, lost, there
 from pcontact.runtime.errors import TOLD, InputError, NotConverged
 from pcontact.runtime.messages import unknown_name
 from pcontact.runtime.petsc import MPI
-from pcontact.runtime.start import environment_outside
+from pcontact.runtime.process import environment_outside
 from pcontact.scene import model
 
 _STEP = re.compile(r"([A-Za-z_][\w-]*)|\[(\d+)\]|\[['\"]([^'\"]+)['\"]\]")

@@ -1,8 +1,8 @@
 """A group whose mean motion is prescribed: a coupling on average, which leaves the group free to deform.
 
 The motion of the reference point is that of `pcontact.assembly.coupling`, linear in the displacement of the group, and
-each of its prescribed components is an equation, sum(w_k u_k) = value (`pcontact.space.equations`). What holds them is
-a force and a moment, spread over the group as a load on its point is.
+each of its prescribed components is an equation, sum(w_k u_k) = value (`pcontact.space.constraints`). What holds them
+is a force and a moment, spread over the group as a load on its point is.
 """
 
 import numpy as np
@@ -11,8 +11,8 @@ from pcontact.assembly.coupling import Average, turned
 from pcontact.assembly.patches import group_patches
 from pcontact.runtime.messages import input_error
 from pcontact.runtime.petsc import MPI
-from pcontact.space.moments import moments
-from pcontact.space.rigid import moved
+from pcontact.space.constraints import moved
+from pcontact.space.turn import moments
 
 # [nodes] Largest group. From: an equation couples all its nodes with each other, in space 430 MB of the matrix.
 MOST = 2000

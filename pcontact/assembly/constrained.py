@@ -15,7 +15,7 @@ class ConstrainedMatrix:
     space : pcontact.space.space.Space
     fixed : ndarray (n_local, d) of bool
         Prescribed components.
-    groups : list of pcontact.space.rigid.RigidGroup or pcontact.space.section.PretensionSection
+    groups : list of pcontact.space.constraints.RigidGroup or pcontact.space.constraints.PretensionSection
 
     Attributes
     ----------

@@ -15,7 +15,7 @@ import numpy as np
 from pcontact.assembly.patches import group_patches, node_patches
 from pcontact.mesh.mesh import size_of
 from pcontact.runtime.messages import input_error
-from pcontact.space.moments import moments
+from pcontact.space.turn import moments
 
 # [-] Least part of the largest inertia that turns about an axis at all. From: far above rounding errors, far below what
 # a group that is no line has.

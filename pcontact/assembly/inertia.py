@@ -15,7 +15,7 @@ import numpy as np
 from pcontact.assembly.item import LAW, Item
 from pcontact.runtime.parallel import take_rows
 from pcontact.runtime.petsc import MPI, PETSc
-from pcontact.space.moments import moments
+from pcontact.space.turn import moments
 
 # what a checkpoint keeps of every node
 STATE = ("velocity", "acceleration", "force")

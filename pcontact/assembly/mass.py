@@ -18,8 +18,8 @@ class Mass:
         Mass per volume of the cells of each region [mass / length^3]; other cells have none.
     lumped : bool
         On the diagonal alone: that of the matrix of every cell, scaled to its mass. Positive for degree 2 as well.
-    points : sequence of (pcontact.space.rigid.RigidGroup, ndarray (k,))
-        Groups whose points have masses, see :meth:`pcontact.space.rigid.RigidGroup.inertia`.
+    points : sequence of (pcontact.space.constraints.RigidGroup, ndarray (k,))
+        Groups whose points have masses, see :meth:`pcontact.space.constraints.RigidGroup.inertia`.
 
     Attributes
     ----------

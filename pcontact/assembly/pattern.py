@@ -76,7 +76,7 @@ class OwnedRows:
 
     Parameters
     ----------
-    numbering : pcontact.space.numbering.Numbering
+    numbering : pcontact.space.space.Numbering
     exchanger : pcontact.runtime.parallel.Exchanger
     nodes : ndarray (n,)
         Global numbers of the local rows and columns.

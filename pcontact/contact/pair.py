@@ -32,7 +32,7 @@ from pcontact.contact.traction.target import source_traction
 from pcontact.mesh.mesh import bounding_box
 from pcontact.runtime.parallel import take_rows, together
 from pcontact.runtime.petsc import MPI
-from pcontact.space.moments import moments
+from pcontact.space.turn import moments
 
 # [facet sizes] So far ahead, facets get their place in the pattern before they close. From: chosen; what closes
 # farther away makes a new pattern.

@@ -4,7 +4,7 @@ import numpy as np
 
 from pcontact.contact.law import OPEN, SLIP, STICK
 from pcontact.runtime.petsc import MPI
-from pcontact.space.moments import moments
+from pcontact.space.turn import moments
 
 
 def summarise(state, flips, lost, comm):

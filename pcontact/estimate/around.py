@@ -27,7 +27,7 @@ class AroundVertices:
     interiors : pcontact.estimate.interiors.Interiors
     kinds : list of ndarray (nc, nf, 2) of int
         See :class:`pcontact.estimate.residuals.FacetResiduals`.
-    kept : pcontact.space.kept.Kept
+    kept : pcontact.space.space.Kept
     """
 
     def __init__(self, problem, pairs, springs, held, interiors, kinds, kept):

@@ -46,7 +46,7 @@ from pcontact.estimate.together import Together
 from pcontact.estimate.tractions import Cells
 from pcontact.estimate.yielding import softening
 from pcontact.runtime.petsc import MPI
-from pcontact.space.kept import ROOM, Kept
+from pcontact.space.space import ROOM, Kept
 
 
 @dataclass

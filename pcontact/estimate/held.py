@@ -5,7 +5,7 @@ import numpy as np
 from pcontact.element.reference import facet_nodes
 from pcontact.estimate.bubbles import supports
 from pcontact.estimate.stress import own_nodes
-from pcontact.space.rigid import RigidGroup
+from pcontact.space.constraints import RigidGroup
 
 
 class Held:

@@ -98,7 +98,7 @@ class Interiors:
     problem : pcontact.solve.problem.Problem
     springs : pcontact.estimate.springs.Springs
     held : pcontact.estimate.held.Held
-    kept : pcontact.space.kept.Kept
+    kept : pcontact.space.space.Kept
     """
 
     def __init__(self, problem, springs, held, kept):

@@ -49,7 +49,7 @@ class FacetResiduals:
     problem : pcontact.solve.problem.Problem
     pairs : pcontact.estimate.facets.FacetPairs
     springs : pcontact.estimate.springs.Springs
-    kept : pcontact.space.kept.Kept
+    kept : pcontact.space.space.Kept
 
     Attributes
     ----------

@@ -11,7 +11,7 @@ from typing import NamedTuple
 from pcontact.io.template import write_template
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.files import make_directory
-from pcontact.runtime.start import environment_outside
+from pcontact.runtime.process import environment_outside
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "drivers" / "examples"

@@ -12,7 +12,7 @@ from pcontact.runtime import log
 from pcontact.runtime.errors import InputError, OutputError
 from pcontact.runtime.observer import Observer
 from pcontact.runtime.parallel import on_root
-from pcontact.runtime.signals import last_words
+from pcontact.runtime.process import last_words
 
 # [-] Part by which small strain may put results wrong without a word. From: chosen; a strain of 4 %, or a turn by 11.5
 # degrees, of a whole body.

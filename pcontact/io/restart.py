@@ -9,8 +9,8 @@ import numpy as np
 from pcontact.io.checkpoint import DISPLACEMENTS, NAME, ROWS, VERSION, keys_of, remembering
 from pcontact.io.identity import Identity
 from pcontact.runtime import log
-from pcontact.runtime.checksum import Damaged, verify
 from pcontact.runtime.errors import InputError
+from pcontact.runtime.files import Damaged, verify
 from pcontact.runtime.parallel import take_rows, together
 
 MADE = "a file that pcontact wrote, as it was written"

@@ -5,7 +5,7 @@ import math
 import sys
 
 from pcontact.io.report import jsonable
-from pcontact.runtime import log, streams
+from pcontact.runtime import log, process
 from pcontact.runtime.observer import Observer
 
 # part of the normal force below which friction is not shown
@@ -127,7 +127,7 @@ class JsonLines(Observer):
 
     def _say(self, event, **values):
         if self._speaks:
-            streams.put(sys.stdout, json.dumps(jsonable({"event": event, **values})) + "\n")
+            process.put(sys.stdout, json.dumps(jsonable({"event": event, **values})) + "\n")
 
     def step(self, step, u, record):
         """A load step that has been committed, as in ``report.json``."""

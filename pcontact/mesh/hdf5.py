@@ -19,9 +19,8 @@ from pcontact.mesh.raw import complete, facet_multiplicity, say_lost
 from pcontact.mesh.read import read_mesh
 from pcontact.mesh.slices import MeshSlice, SliceBlock
 from pcontact.mesh.topology import components
-from pcontact.runtime.checksum import Damaged, verify
 from pcontact.runtime.errors import InputError
-from pcontact.runtime.files import Hdf5Aside
+from pcontact.runtime.files import Damaged, Hdf5Aside, verify
 from pcontact.runtime.parallel import together
 
 FORMAT, VERSION = "pcontact mesh", 1

@@ -8,7 +8,7 @@ import numpy as np
 from pcontact.element.reference import CELLS, edge_nodes, facet_nodes
 from pcontact.mesh.msh import VTK_ORDER, apart
 from pcontact.mesh.raw import number_rows
-from pcontact.runtime import signals
+from pcontact.runtime import process
 from pcontact.runtime.errors import TOLD, InputError
 from pcontact.runtime.files import GEOMETRIES, require_end, written_aside
 
@@ -43,7 +43,7 @@ def _fresh():
     if gmsh is None:
         raise InputError("pcontact refine: found no Python package gmsh; allowed: pip install gmsh")
     gmsh.initialize(readConfigFiles=False, interruptible=False)
-    signals.take_back()
+    process.take_back()
     try:
         for name, value in _OPTIONS.items():
             gmsh.option.setNumber(name, value)

@@ -13,7 +13,7 @@ from contextlib import contextmanager, suppress
 
 from tqdm import tqdm
 
-from pcontact.runtime import streams
+from pcontact.runtime import process
 
 LOGGER = logging.getLogger("pcontact")
 _COLOURS, _PLAIN = {"red": "\033[31m", "green": "\033[32m", "yellow": "\033[33m"}, "\033[0m"
@@ -38,12 +38,12 @@ class _Handler(logging.StreamHandler):
 
 def _put(stream, text):
     with tqdm.external_write_mode(file=stream, nolock=True):
-        streams.put(stream, text)
+        process.put(stream, text)
 
 
 def _lost(handler, error):
     """Go on without the stream: results first. It is said once, on standard error and in the report."""
-    handler.stream = _State.stream = streams.give_up(handler.stream)
+    handler.stream = _State.stream = process.give_up(handler.stream)
     why = getattr(error, "strerror", None) or error
     text = f"standard output cannot be written ({str(why).lower()}); the run goes on without, its results are kept"
     _State.warnings = (*_State.warnings, text)
@@ -75,7 +75,7 @@ def _painted(text, colour):
 
 def _coloured(stream):
     """Whether lines have colours: on a terminal, unless the user wants none (https://no-color.org)."""
-    return streams.is_terminal(stream) and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
+    return process.is_terminal(stream) and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
 
 
 class _State:
@@ -203,7 +203,7 @@ def notice(text):
                  if not isinstance(handler, logging.NullHandler))  # fmt: skip
         if not (LOGGER.isEnabledFor(logging.INFO) and any(heard)):
             with suppress(OSError, ValueError):
-                streams.put(sys.stderr, f"pcontact: {text}\n")
+                process.put(sys.stderr, f"pcontact: {text}\n")
             return
     info("%s", text)
 
@@ -260,7 +260,7 @@ def finish():
     with suppress(OSError, ValueError):
         sys.stdout.flush()
         return
-    streams.give_up(sys.stdout)
+    process.give_up(sys.stdout)
 
 
 class Progress:
@@ -286,7 +286,7 @@ class Progress:
         self.total, self.label, self.lines, self.value = total, label, lines, 0.0
         self._shown, self._said = 0, 0.0
         self._bar = None
-        if _State.rank == 0 and shown and streams.is_terminal(stream):
+        if _State.rank == 0 and shown and process.is_terminal(stream):
             # before the postfix there is a comma
             form = "{desc} {percentage:3.0f}% |{bar:30}| {elapsed}, {remaining} left{postfix}"
             self._bar = tqdm(total=total, desc=label, file=stream, leave=False, bar_format=form,
@@ -348,7 +348,7 @@ class Line:
         stream = _State.stream if _State.stream is not None else sys.stderr
         wanted = _State.stream is None or LOGGER.isEnabledFor(logging.INFO)
         self._bar = None
-        if _State.rank == 0 and wanted and not LOGGER.disabled and streams.is_terminal(stream):
+        if _State.rank == 0 and wanted and not LOGGER.disabled and process.is_terminal(stream):
             self._bar = tqdm(file=stream, leave=False, bar_format="{desc}")
 
     @property

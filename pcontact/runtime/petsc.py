@@ -5,6 +5,7 @@ Every other module takes ``PETSc`` and ``MPI`` from here.
 
 import ctypes
 import difflib
+import glob
 import mmap
 import re
 import traceback
@@ -13,16 +14,48 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from pcontact.runtime import signals, start, streams
-from pcontact.runtime.missing import no_petsc
+from pcontact.runtime import process
+from pcontact.runtime.errors import NoPetsc
 
+# where Debian and Ubuntu have the one that is on no Python's way
+_DEBIAN = "/usr/lib/petscdir/petsc*/*-real/lib/python3/dist-packages"
 # before anything opens a file that stays open
-streams.reserve()
+process.reserve()
+
+
+def no_petsc(error):
+    """The error that says so.
+
+    Parameters
+    ----------
+    error : Exception
+        Of the import.
+
+    Returns
+    -------
+    NoPetsc
+    """
+    reason = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
+    if re.search(r"numpy|multiarray|_ARRAY_API", str(error)):
+        # compiled code that was built with numpy 2 runs with numpy 1, too, but not the other way round
+        remedy = "pip install 'numpy<2'" if np.lib.NumpyVersion(np.__version__) >= "2.0.0" else "pip install -U numpy"
+        return NoPetsc(f"petsc4py was built for another numpy than {np.__version__}, which is here ({reason}); "
+                       f"remedy: {remedy}")  # fmt: skip
+    found = sorted(glob.glob(f"{_DEBIAN}/petsc4py"))
+    debian = "apt-get install python3-petsc4py-real python3-mpi4py"
+    if found:
+        debian = f"/usr/bin/python3 with PYTHONPATH={found[-1].rpartition('/')[0]}"
+    return NoPetsc(
+        f"no petsc4py and mpi4py that work ({reason}); remedy, one of: Debian, Ubuntu: {debian}; "
+        "conda: conda install -c conda-forge petsc4py mpi4py; spack: spack load py-petsc4py py-mpi4py; PETSc of your "
+        "own, PETSC_DIR set: pip install mpi4py && pip install --no-build-isolation petsc4py==<version of that PETSc>"
+    )
+
 
 try:
     import petsc4py
 
-    petsc4py.init(start.words())
+    petsc4py.init(process.petsc_words())
 
     from mpi4py import MPI
     from petsc4py import PETSc
@@ -30,7 +63,7 @@ try:
 except (ImportError, ValueError, RuntimeError) as error:
     raise no_petsc(error) from error
 
-signals.take_back()
+process.take_back()
 
 __all__ = [
     "MPI", "Integer", "PETSc", "call", "handle", "has_package", "known_types", "line_search_limit", "local_values",
@@ -44,7 +77,7 @@ _lib = ctypes.CDLL(PETSc.__file__)
 # newer versions list unused options when they end, also those that are pcontact's own; pcontact names the others itself
 # (in a library the database is the caller's)
 _options = PETSc.Options()
-if not start.is_library():
+if not process.is_library():
     if not _options.hasName("options_left"):
         _options.setValue("options_left", False)
     _options.getBool("options_left", False)

@@ -24,11 +24,11 @@ class Features:
     total : sequence of pcontact.assembly.coupling.TotalLoad
         Loads of which the report has resultant and mean motion.
     springs : sequence of pcontact.assembly.springs.GroundSprings
-    sections : sequence of pcontact.space.section.PretensionSection
+    sections : sequence of pcontact.space.constraints.PretensionSection
     averages : sequence of pcontact.assembly.average.AverageCoupling
         Groups whose mean motion is prescribed; their equations are among the others.
-    equations : pcontact.space.equations.Equations or None
-    lower : pcontact.space.equations.Equations or None
+    equations : pcontact.space.constraints.Equations or None
+    lower : pcontact.space.constraints.Equations or None
         Those of nodes in the middles of bodies of degree 1 alone.
     release : pcontact.assembly.release.Release or None
         The item of what a phase of the run goes on from.

@@ -134,7 +134,7 @@ def near_null_space(space, colours, u=None, followers=None):
     u : PETSc.Vec, optional
         Displacement, where turns are those of the places that it leads to.
     followers : ndarray (n_owned, d) of bool, optional
-        Components that are none of the system's, see :class:`pcontact.space.rigid.RigidGroup`.
+        Components that are none of the system's, see :class:`pcontact.space.constraints.RigidGroup`.
 
     Returns
     -------

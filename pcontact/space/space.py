@@ -1,18 +1,99 @@
-"""The displacement: which nodes carry it, their global numbers, vectors of it."""
+"""The displacement: which nodes carry it, their global numbers (those of a PetscSection on a DMPlex), vectors of it.
+"""
 
 from functools import cached_property
 
 import numpy as np
 
 from pcontact.element.reference import CELLS, facet_nodes, n_nodes
-from pcontact.mesh.plex import owners
+from pcontact.mesh.plex import leaves, owners, told
 from pcontact.runtime.parallel import Exchanger, NodeExchange
 from pcontact.runtime.petsc import MPI, PETSc, set_section
-from pcontact.space.kept import Kept
-from pcontact.space.numbering import Numbering
 
+# [bytes] That a rank keeps at most. From: of a cell that yields, in space and of degree 2, 1.2 kB are kept, a tenth of
+# what its rows of the tangent take; so meshes of half a million unknowns are kept.
+ROOM = 2**27
 # a node is on the axis of symmetry if its radius is below this part of the largest
 AXIS = 1e-9
+
+
+class Kept:
+    """Arrays by keys.
+
+    Parameters
+    ----------
+    room : int
+        [bytes]
+    at_once : bool
+        Whether what is made will be asked for again.
+
+    Attributes
+    ----------
+    room : int
+        That is left.
+    """
+
+    def __init__(self, room=ROOM, at_once=False):
+        self.room, self._made, self._asked, self._at_once = room, {}, set(), at_once
+
+    def get(self, key):
+        """What is kept under a key, or None."""
+        return self._made.get(key)
+
+    def __call__(self, key, make):
+        """What ``make()`` gives, a tuple of arrays and of what is no array. It is kept when it is asked for again, or
+        at once, and made anew where there is no room for it."""
+        found = self._made.get(key)
+        if found is not None:
+            return found
+        found, again = make(), self._at_once or key in self._asked
+        self._asked.add(key)
+        return self.keep(key, found) if again else found
+
+    def keep(self, key, found):
+        """Keep a tuple under a key, where there is room; returns it."""
+        size = sum(part.nbytes for part in found if isinstance(part, np.ndarray))
+        if size <= self.room:
+            self._made[key], self.room = found, self.room - size
+        return found
+
+
+class Numbering:
+    """Global numbers of the nodes of one rank. *Collective.*
+
+    Parameters
+    ----------
+    comm : MPI.Comm
+    n : int
+        Nodes of this rank, in the order wanted for owned nodes.
+    sf : PETSc.SF or None
+        From points to their owners, see :func:`pcontact.mesh.plex.owners`.
+    first : int
+        Points of `sf` that come before the nodes, all of them of this rank alone.
+
+    Attributes
+    ----------
+    numbers : ndarray (n,)
+        Global number of each node.
+    n_owned, start, n_total : int
+    ranges : ndarray (size + 1,)
+    """
+
+    def __init__(self, comm, n, sf, first=0):
+        self.rank = comm.rank
+        mine = np.ones(first + n, dtype=bool)
+        mine[:first] = mine[leaves(sf)] = False
+        self.n_owned = int(mine.sum())
+        counts = np.array(comm.allgather(self.n_owned), dtype=np.int64)
+        self.ranges = np.concatenate([[0], np.cumsum(counts)])
+        self.start, self.n_total = int(self.ranges[comm.rank]), int(self.ranges[-1])
+        numbers = np.zeros(first + n, dtype=np.int64)
+        numbers[mine] = self.start + np.arange(self.n_owned)
+        self.numbers = told(sf, numbers)[first:]
+
+    def owner(self, numbers):
+        """Rank that owns each global number."""
+        return np.searchsorted(self.ranges, numbers, side="right") - 1
 
 
 class Space:
@@ -48,7 +129,7 @@ class Space:
     numbering : Numbering
     nodes : ndarray (n_local,)
         Global node numbers.
-    kept : pcontact.space.kept.Kept
+    kept : pcontact.space.space.Kept
         What others have made of the mesh, and use again.
 
     Notes
@@ -212,3 +293,26 @@ class Space:
         """Local space nodes (n, n_facet_nodes) of facets, outward order."""
         table = facet_nodes(facets.cell, self.degree)
         return self.cells[facets.block][facets.cells[:, None], table[facets.local]]
+
+
+def carried(space, keys, values):
+    """Values at the owned nodes of a space. *Collective.*
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    keys : ndarray (n,)
+        Numbers of nodes of the mesh file, each on one rank.
+    values : ndarray (n, k)
+        At these nodes.
+
+    Returns
+    -------
+    ndarray (n_owned, k)
+        Zero at nodes of which no rank has a value.
+    """
+    size, total = space.comm.size, max(space.mesh.n_nodes_total, 1)
+    own = space.mesh.file_nodes[space.mesh_nodes[space.owned_local]]
+    bits = np.ascontiguousarray(values, dtype=np.float64).view(np.int64)
+    known, found = space.exchanger.look_up((keys * size // total, keys), bits, (own * size // total, own))
+    return np.where(known[:, None], np.ascontiguousarray(found).view(np.float64), 0.0)

@@ -5,8 +5,7 @@ import numpy as np
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import agree, together
 from pcontact.scene.prescribed import Prescribed
-from pcontact.space.moments import moments
-from pcontact.space.turn import Turn
+from pcontact.space.turn import Turn, moments
 
 # two supports that turn agree at a node where they are no farther apart than this part of its distance from the axis
 SAME = 1e-12
@@ -35,7 +34,7 @@ class Supports:
         Region of each displacement.
     turns : dict of int to pcontact.space.turn.Turn
         Of the displacements that turn what they hold.
-    groups : sequence of pcontact.space.rigid.RigidGroup
+    groups : sequence of pcontact.space.constraints.RigidGroup
         That move as rigid bodies; whoever builds the problem adds them.
 
     Raises

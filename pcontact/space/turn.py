@@ -1,4 +1,4 @@
-"""Places that turn about an axis as a rigid body."""
+"""Places that turn about an axis as a rigid body, and moments of forces."""
 
 import numpy as np
 
@@ -37,3 +37,9 @@ class Turn:
     def angle(self, factor):
         """Angle [radian] at a factor, or at an array of them."""
         return factor * self._angle
+
+
+def moments(arms, forces):
+    """Sum of the moments of forces (n, d) at the ends of arms (n, d): a number in the plane, (3,) in space."""
+    products = np.cross(arms, forces) if arms.shape[1] == 3 else arms[:, 0] * forces[:, 1] - arms[:, 1] * forces[:, 0]
+    return products.sum(axis=0)

@@ -8,7 +8,7 @@ import sys
 from importlib.util import find_spec
 from pathlib import Path
 
-from pcontact.runtime import log, streams
+from pcontact.runtime import log, process
 from pcontact.runtime.errors import InputError
 
 PACKAGES = ("pyvista>=0.44", "matplotlib", "trame-vtk", "imageio-ffmpeg")  # as the extra `view` of pyproject.toml
@@ -83,7 +83,7 @@ def _command():
 
 def _agreed(question):
     """Whether somebody at a terminal says yes."""
-    if not (streams.is_terminal(sys.stdin) and streams.is_terminal(sys.stderr)):
+    if not (process.is_terminal(sys.stdin) and process.is_terminal(sys.stderr)):
         return False
     sys.stderr.write(f"{question} [y/N] ")
     sys.stderr.flush()

@@ -18,7 +18,7 @@ from pcontact.scene.model import (
     Scene,
 )
 from pcontact.simulation import Simulation
-from pcontact.space.equations import eliminate
+from pcontact.space.constraints import eliminate
 from tests.support.bad_input import mesh_text
 
 WORLD, SELF = MPI.COMM_WORLD, MPI.COMM_SELF

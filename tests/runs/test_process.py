@@ -89,8 +89,8 @@ def test_a_run_that_nobody_reads(tmp_path):
 def test_standard_streams_that_are_closed(tmp_path):
     """No file takes their places, where what libraries print would end up in it."""
     code = """if True:
-        from pcontact.runtime import log, streams
-        streams.reserve()
+        from pcontact.runtime import log, process
+        process.reserve()
         log.setup()
         with open("file", "w") as stream:
             stream.write(str(stream.fileno()))
@@ -168,7 +168,7 @@ def test_signals_that_stop(tmp_path, number):
     code = """if True:
         import time
         from pcontact.runtime.files import replace_file, written_aside
-        from pcontact.runtime.signals import last_words, stopping
+        from pcontact.runtime.process import last_words, stopping
         replace_file("file", "before")
         with last_words(lambda: replace_file("said", "too late")):
             pass

@@ -6,7 +6,7 @@ import h5py
 import pytest
 
 from pcontact.io.checkpoint import NAME
-from pcontact.runtime.checksum import append_checksums
+from pcontact.runtime.files import append_checksums
 from pcontact.runtime.observer import Observer
 from pcontact.runtime.petsc import MPI, PETSc
 from pcontact.simulation import Simulation

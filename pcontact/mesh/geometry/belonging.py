@@ -18,7 +18,7 @@ from pcontact.mesh.mesh import bounding_box
 from pcontact.mesh.msh import apart
 from pcontact.mesh.refinement.numbering import Neighbours, values_by_key
 from pcontact.mesh.topology import mixed, outer_facets
-from pcontact.runtime import log, signals
+from pcontact.runtime import log, process
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.files import GEOMETRIES
 from pcontact.runtime.messages import input_error
@@ -139,7 +139,7 @@ def opened(path, dim):
     before = gmsh.model.getCurrent() if gmsh.isInitialized() else None
     if before is None:
         gmsh.initialize(readConfigFiles=False, interruptible=False)
-        signals.take_back()
+        process.take_back()
     terminal = gmsh.option.getNumber("General.Terminal")
     gmsh.option.setNumber("General.Terminal", 0)
     try:

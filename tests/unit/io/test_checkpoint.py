@@ -12,8 +12,8 @@ from pcontact.io.identity import Identity
 from pcontact.io.restart import ANYWAY, read_checkpoint
 from pcontact.mesh.hdf5 import convert
 from pcontact.runtime import log
-from pcontact.runtime.checksum import BLOCK, Damaged, append_checksums, verify
 from pcontact.runtime.errors import InputError
+from pcontact.runtime.files import BLOCK, Damaged, append_checksums, verify
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI, PETSc
 from pcontact.scene import differences, physics, read_scene, resolve_contacts

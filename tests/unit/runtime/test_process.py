@@ -10,7 +10,7 @@ import pytest
 
 from tests.support.commands import ROOT, environment
 
-ASKED = "import sys; from pcontact.runtime.streams import is_terminal; sys.stderr.write(str(is_terminal(sys.stdout)))"
+ASKED = "import sys; from pcontact.runtime.process import is_terminal; sys.stderr.write(str(is_terminal(sys.stdout)))"
 
 
 @pytest.mark.skipif(shutil.which("mpirun") is None, reason="there is no mpirun")

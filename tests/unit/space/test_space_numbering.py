@@ -6,7 +6,7 @@ import pytest
 from pcontact.mesh.plex import owners
 from pcontact.runtime.parallel import NodeExchange
 from pcontact.runtime.petsc import MPI, PETSc
-from pcontact.space.numbering import Numbering
+from pcontact.space.space import Numbering
 
 WORLD = MPI.COMM_WORLD
 parallel = pytest.mark.parallel

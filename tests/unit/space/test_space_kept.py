@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pcontact.space.kept import Kept
+from pcontact.space.space import Kept
 
 
 def test_kept_from_the_second_time_on_while_there_is_room():
