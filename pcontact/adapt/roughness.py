@@ -29,8 +29,7 @@ from pcontact.contact.surface.smooth_geometry import smooth_surface
 from pcontact.element.reference import CELLS, reference_nodes
 from pcontact.element.shape import shape_gradient
 from pcontact.estimate.tractions import source_facets
-from pcontact.mesh.components import jacobians
-from pcontact.mesh.outer import outer_facets
+from pcontact.mesh.topology import jacobians, outer_facets
 from pcontact.pairs import contact_reports
 from pcontact.runtime import log
 from pcontact.runtime.errors import TOLD

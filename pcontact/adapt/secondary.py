@@ -24,8 +24,7 @@ from pcontact.adapt.roughness import at_places, bent, outer_surface, rounded, sm
 from pcontact.adapt.settings import PARTNER_RTOL, THIRD
 from pcontact.estimate import pressures
 from pcontact.estimate.goal import value
-from pcontact.mesh.refinement.refine import Balance
-from pcontact.mesh.refinement.regular import HALVED
+from pcontact.mesh.refinement.refine import HALVED, Balance
 from pcontact.mesh.refinement.split import split
 from pcontact.runtime import log
 from pcontact.runtime.errors import TOLD
