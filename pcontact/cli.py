@@ -14,13 +14,11 @@ import numpy as np
 from pcontact.adapt.target import wanted
 from pcontact.contact.surface.smooth_geometry import SMOOTH, WRONG, facet_pressure
 from pcontact.doctor import examine
-from pcontact.io.cost_forecast import cost_forecast
-from pcontact.io.examples import lay_out
+from pcontact.io.costs import cost_forecast
+from pcontact.io.examples import lay_out, write_example, write_template
 from pcontact.io.modes import write_modes
-from pcontact.io.report import read_steps
+from pcontact.io.report import JsonLines, PassLines, read_steps, summary
 from pcontact.io.report_schema import report_schema
-from pcontact.io.summary import JsonLines, PassLines, summary
-from pcontact.io.template import write_example, write_template
 from pcontact.mesh.hdf5 import convert, mesh_sizes
 from pcontact.mesh.mesh import size_of
 from pcontact.runtime import log, process

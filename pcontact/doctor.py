@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pcontact.io.template import write_template
+from pcontact.io.examples import write_template
 from pcontact.runtime import log
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import MPI, has_package

@@ -15,14 +15,11 @@ import pcontact
 from pcontact import build
 from pcontact.assembly.extension import extend
 from pcontact.assembly.release import borne_by, equilibrium
-from pcontact.io.checkpoint import Checkpoint, keys_of, remembering
-from pcontact.io.cost_report import CostReport
-from pcontact.io.counters import Counters
+from pcontact.io.checkpoint import ANYWAY, Checkpoint, Identity, checkpoint_time, keys_of, read_checkpoint, remembering
+from pcontact.io.costs import CostReport, Counters
 from pcontact.io.error_estimate import ErrorEstimate, label
-from pcontact.io.identity import Identity
 from pcontact.io.names import STATUS, forces_of
 from pcontact.io.observers import FacetErrors, Fields, OpenContacts, Records, SmallStrain, Terminal
-from pcontact.io.restart import ANYWAY, checkpoint_time, read_checkpoint
 from pcontact.io.snapshot import Snapshot
 from pcontact.mesh.mesh import bounding_box
 from pcontact.mesh.plex import view

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from pcontact.api.tables import Named, html, lost
-from pcontact.io.parts import NODE_NUMBER
+from pcontact.io.fields import NODE_NUMBER
 
 
 class Fields:

@@ -12,9 +12,8 @@ import numpy as np
 from pcontact.api.fields import Fields
 from pcontact.api.tables import Named, Table, html, shown
 from pcontact.io.fields import FieldWriter
-from pcontact.io.history import History, columns
 from pcontact.io.names import STATUS
-from pcontact.io.report import Report, jsonable, read_report
+from pcontact.io.report import History, Report, columns, jsonable, read_report
 from pcontact.io.result import has_fields, load_result
 from pcontact.io.vtu import CELL_TYPES, SOLID
 from pcontact.runtime.errors import InputError

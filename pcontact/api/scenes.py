@@ -9,7 +9,7 @@ from typing import Any
 
 from pcontact.api.meshes import mesh_from, own_folder
 from pcontact.api.tables import Named, Tables
-from pcontact.io.template import write_template
+from pcontact.io.examples import write_template
 from pcontact.runtime.errors import InputError
 from pcontact.scene import Body, Contact, Material, MeshSpec, Obstacle, Output, Steps, model, read_scene, scene_from
 

@@ -1,7 +1,7 @@
 """Groups of the mesh that a scene names, and files of meshes."""
 
 from pcontact.importer.deck import VERTICES, in_plane
-from pcontact.runtime.files import replace_file
+from pcontact.mesh.msh import write_msh
 
 # meshio's names of facets by their vertices
 _FACETS = {2: "line", 3: "triangle", 4: "quad"}
@@ -13,28 +13,6 @@ _GMSH = {
     "wedge": (6, None), "wedge15": (18, [*range(6), 6, 8, 12, 7, 13, 14, 9, 11, 10]), "pyramid": (7, None),
 }  # fmt: skip
 KINDS = ("cells", "facets", "nodes")
-
-
-def write_msh(path, nodes, elements, names=()):
-    """Write a mesh file of gmsh's version 2.2, in which an element stands once for each of its groups. Serial.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-    nodes : iterable of (int, sequence of 3 float)
-        Numbers and places [length].
-    elements : sequence of (int, int, int, sequence of int)
-        Number, gmsh's type, number of the group, and the nodes in gmsh's order.
-    names : sequence of (int, int, str)
-        Of the groups: dimension, number, name.
-    """
-    text = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat"]
-    if names:
-        text += ["$PhysicalNames", str(len(names)), *(f'{d} {k} "{name}"' for d, k, name in names), "$EndPhysicalNames"]
-    rows = [f"{number} {' '.join(map(repr, place))}" for number, place in nodes]
-    text += ["$Nodes", str(len(rows)), *rows, "$EndNodes", "$Elements", str(len(elements))]
-    text += [f"{tag} {kind} 2 {group} {group} {' '.join(map(str, members))}" for tag, kind, group, members in elements]
-    replace_file(path, "\n".join([*text, "$EndElements", ""]))
 
 
 class Groups:

@@ -6,7 +6,7 @@ from itertools import chain, count
 import numpy as np
 
 from pcontact.importer.deck import outward
-from pcontact.importer.groups import write_msh
+from pcontact.mesh.msh import write_msh
 
 # kinds of surfaces that are lines and arcs
 ANALYTICAL = ("SEGMENTS", "CYLINDER", "REVOLUTION")

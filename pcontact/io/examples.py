@@ -1,5 +1,8 @@
-"""The small scenes of ``drivers/examples``, which lie in the repository beside the program, and their heads."""
+"""``pcontact new``: a commented scene with its mesh, or an example with what makes its mesh. The small scenes of
+``drivers/examples``, which lie in the repository beside the program, and their heads.
+"""
 
+import difflib
 import re
 import shlex
 import shutil
@@ -8,17 +11,180 @@ import sys
 from pathlib import Path
 from typing import NamedTuple
 
-from pcontact.io.template import write_template
+import numpy as np
+
+from pcontact.mesh.msh import write_msh
 from pcontact.runtime.errors import InputError
-from pcontact.runtime.files import make_directory
+from pcontact.runtime.files import make_directory, replace_file
 from pcontact.runtime.process import environment_outside
 
+_SCENE = """\
+# A block is pressed on another one and drawn along it, with friction. Plane strain; units of your own: N, mm, MPa here.
+#
+#     pcontact check {name}/scene.toml                       what is modelled, nothing is solved
+#     pcontact run {name}/scene.toml -o {name}/results          a few seconds (the first run compiles, half a minute)
+#     pcontact view {name}/results                           the contact pressure
+#     pcontact plot {name}/results time contacts.foot.force_x
+#
+# All keys: `pcontact schema` lists them for editors, docs/scene.md explains them.
+title = "{name}"
+
+[mesh]
+file = "blocks.msh"                # beside this file; .msh of gmsh, or any format that meshio reads
+# order = 2                        # degree of the displacement, on a mesh of degree 2
+
+[materials.steel]
+E = 210e3                          # Young's modulus
+nu = 0.3                           # Poisson's ratio
+# yield_stress = 250               # with this steel yields
+# hardening = 1000
+
+[[bodies]]
+region = "lower"                   # a named group of cells (gmsh: physical group)
+material = "steel"
+
+[[bodies]]
+region = "upper"
+material = "steel"
+
+[[contacts]]
+name = "foot"
+surfaces = ["lower_top", "upper_bottom"]    # named groups of facets that may touch
+friction = 0.2                     # Coulomb's coefficient; leave it out for contact without friction
+
+[[displacements]]
+region = "lower_bottom"
+value = [0, 0]                     # held
+
+[[displacements]]
+region = "upper_top"
+value = ["free", -0.005]           # pressed down by 0.005 in the first half
+amplitude = [[0, 0], [1, 1], [2, 1]]
+
+[[displacements]]
+region = "upper_top"
+value = [0.004, "free"]            # and drawn along in the second
+amplitude = [[0, 0], [1, 0], [2, 1]]
+
+[steps]
+end = 2                            # the run goes from time 0 to this
+count = 8                          # load steps; they are cut where Newton's method does not converge
+
+[output]
+energy = true                      # works and what became of them, in report.json and history.csv
+"""
+
+_HEAD = """\
+# The commands below are typed in this directory; the one that makes the mesh needs gmsh (pip install gmsh).
+#
+"""
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "drivers" / "examples"
 _MESH = re.compile(r"^#     python -m meshes (.+) -o drivers/examples/(\S+)$", re.MULTILINE)
 _RUN = re.compile(r"^#     scripts/pcontact\.sh run drivers/examples/(\S+) -o results/(\S+)$", re.MULTILINE)
 _NUMBER = re.compile(r"^# The last load step in results/(\S+)/report\.json has, within (\S+) %.*\n"
                      r"#     (\S+) = (\S+)$", re.MULTILINE)  # fmt: skip
+
+
+def write_template(name):
+    """Write a scene and its mesh into a new directory. Serial.
+
+    Parameters
+    ----------
+    name : str
+        The directory, which must not be there, or be empty.
+
+    Returns
+    -------
+    Path
+        The scene.
+
+    Raises
+    ------
+    InputError
+        There is something already.
+    OutputError
+        It cannot be written.
+    """
+    folder = _made(name)
+    _write_mesh(folder / "blocks.msh")
+    replace_file(folder / "scene.toml", _SCENE.format(name=name))
+    return folder / "scene.toml"
+
+
+def write_example(name, example):
+    """Write one of the examples into a new directory, with the package that makes its mesh. Serial.
+
+    Parameters
+    ----------
+    name : str
+        As of :func:`write_template`.
+    example : str
+        Its name, without ``.toml``.
+
+    Returns
+    -------
+    Path
+        The scene; the commands in its head comment are those to type in the directory.
+
+    Raises
+    ------
+    InputError
+        There is no such example, or something in the directory already.
+    OutputError
+        It cannot be written.
+    """
+    scenes, meshes = _examples()
+    names = sorted(path.stem for path in scenes.glob("*.toml"))
+    if example not in names:
+        near = difflib.get_close_matches(example, names, 1)
+        hint = f"; the nearest is {near[0]!r}" if near else ""
+        raise InputError(f"command line: -example: found {example!r}; allowed: {', '.join(names)}{hint}")
+    folder = _made(name)
+    make_directory(folder / "meshes")
+    for path in sorted(meshes.glob("*.py")):
+        replace_file(folder / "meshes" / path.name, path.read_text(encoding="utf-8"))
+    text = (scenes / f"{example}.toml").read_text(encoding="utf-8")
+    for there, here in (("drivers/examples/", ""), ("scripts/pcontact.sh ", "pcontact "),
+                        (f"results/{example}", "results")):  # fmt: skip
+        text = text.replace(there, here)
+    replace_file(folder / f"{example}.toml", _HEAD + text)
+    return folder / f"{example}.toml"
+
+
+def _examples():
+    """Where the examples are, and the package that makes their meshes: in the wheel, or in the repository."""
+    package = Path(__file__).resolve().parents[1]
+    if (package / "examples").is_dir():
+        return package / "examples", package / "examples" / "meshes"
+    return package.parent / "drivers" / "examples", package.parent / "meshes"
+
+
+def _made(name):
+    """A new directory."""
+    folder = Path(name)
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InputError(f"command line: pcontact new: found {name}, which is there already; allowed: a new directory")
+    make_directory(folder)
+    return folder
+
+
+def _write_mesh(path):
+    """Write two blocks of quadrilaterals whose meshes do not match, with their groups."""
+    names = {"lower": 2, "upper": 2, "lower_bottom": 1, "lower_top": 1, "upper_bottom": 1, "upper_top": 1}
+    numbers = {name: k + 1 for k, name in enumerate(names)}
+    points, rows = [], []
+    for body, (nx, ny), (x0, y0), (width, height) in (("lower", (24, 8), (0.0, 0.0), (3.0, 1.0)),
+                                                      ("upper", (14, 7), (0.75, 1.0), (1.4, 0.7))):  # fmt: skip
+        first = len(points) + 1
+        points += [(x, y, 0) for y in np.linspace(y0, y0 + height, ny + 1) for x in np.linspace(x0, x0 + width, nx + 1)]
+        row = first + np.arange(nx + 1)
+        top = row + ny * (nx + 1)
+        rows += [(3, body, (k, k + 1, k + nx + 2, k + nx + 1)) for j in range(ny) for k in row[:-1] + j * (nx + 1)]
+        for side, line in (("bottom", row), ("top", top)):
+            rows += [(1, f"{body}_{side}", pair) for pair in zip(line[:-1], line[1:], strict=True)]
+    elements = [(k, kind, numbers[name], nodes) for k, (kind, name, nodes) in enumerate(rows, 1)]
+    write_msh(path, enumerate(points, 1), elements, [(dim, numbers[name], name) for name, dim in names.items()])
 
 
 class Head(NamedTuple):

@@ -11,21 +11,343 @@ In the output directory::
 
     fields.vtkhdf.series                instead: all times
     fields/step_000001.vtkhdf           all parts at step 1
+
+Every rank has its own piece of a part (bodies, facets or quadrature points of a contact pair); the ranks agree on what
+each part holds. Of VTK's HDF5 format rank 0 writes what the others hand to it, one after the other. A mesh that is the
+same as in the step before is not written again: the file has links to that of the step which has it.
 """
 
+import os
 import re
 import zlib
+from dataclasses import dataclass, field
 from pathlib import Path
 
-from pcontact.io import vtu
-from pcontact.io.parts import agree, fill, grids_of, on_all
-from pcontact.io.vtkhdf import write_step
-from pcontact.runtime.errors import InputError
-from pcontact.runtime.files import going_on, make_directory, telling
-from pcontact.runtime.parallel import on_root
+import h5py
+import numpy as np
 
+from pcontact.io import vtu
+from pcontact.runtime.errors import TOLD, InputError
+from pcontact.runtime.files import Hdf5Aside, going_on, make_directory, telling
+from pcontact.runtime.parallel import aside_of_root, on_root, write_rows
+
+ROOT, VERSION = "VTKHDF", (2, 1)
+_MESH = ("Points", "Connectivity", "Offsets", "Types")
+# field of the bodies' points: number of the node in the mesh
+NODE_NUMBER = "node_number"
+GROUPS = {"bodies": "bodies", "surfaces": "surface", "points": "points"}
+# characters of a contact's name in the name of a file, which may have 255 bytes: four a character at most
+LONGEST = 50
 INDICES = {"vtu": "fields.pvd", "vtkhdf": "fields.vtkhdf.series"}
 _OURS = re.compile(r"((bodies|surface_.*|points_.*)_\d{6,}(_\d{4,})?\.p?vtu|step_\d{6,}\.vtkhdf)(\.part)?")
+
+
+def write_step(comm, path, grids, parts, level=0, meshes=None):
+    """Write the file of a load step. *Collective.*
+
+    Parameters
+    ----------
+    comm : MPI.Comm
+    path : pathlib.Path
+    grids : dict of (str, str) to pcontact.io.vtu.Grid
+        This rank's part of each, with all of its arrays.
+    parts : dict of (str, str) to dict
+        See :func:`pcontact.io.fields.agree`.
+    level : int
+        Of deflate, 0 none.
+    meshes : dict of (str, str) to str, optional
+        Names of files beside this one, which have the mesh of a part; those that are not there are written.
+
+    Raises
+    ------
+    OutputError
+        On all ranks: the file of before, if any, is still there.
+    """
+    def begun():
+        aside = Hdf5Aside(path, summed=False)
+        _typed(aside.file.create_group(ROOT, track_order=True), "MultiBlockDataSet")
+        aside.file.create_group(f"{ROOT}/Assembly", track_order=True)
+        return aside
+
+    with aside_of_root(comm, begun) as aside:
+        for key, name in zip(parts, _names(parts), strict=True):
+            grid = grids[key]
+            counts = np.array(comm.allgather((len(grid.points), len(grid.types), len(grid.connectivity))))
+            arrays = _arrays(grid, counts[: comm.rank].sum(axis=0), comm.rank)
+            link = (meshes or {}).get(key)
+            if aside is not None:
+                _head(aside.file, key, name, counts.sum(axis=0), link)
+            for label, array in arrays.items():
+                if link is None or label not in _MESH:
+                    write_rows(comm, aside, f"{ROOT}/{name}/{label}", array, level)
+
+
+def read_step(path):
+    """Grids of a load step, by group and name.
+
+    Returns
+    -------
+    dict of (str, str) to pcontact.io.vtu.Grid
+    """
+    with h5py.File(path, "r") as file:
+        found = {(one.attrs["part"], one.attrs["name"]): vtu.Grid(
+            one["Points"][:], one["Connectivity"][:], one["Offsets"][1:], one["Types"][:],
+            *({name: array[:] for name, array in one[section].items()} for section in ("PointData", "CellData")),
+        ) for label, one in file[ROOT].items() if label != "Assembly"}  # fmt: skip
+    return {key: grid for key, grid in found.items() if len(grid.points)}
+
+
+def _names(parts):
+    """Names of parts for VTK, which has fewer characters than files have."""
+    names = [re.sub(r"[^\w.-]", "_", part["file"], flags=re.ASCII) for part in parts.values()]
+    return [f"{name}_{k}" if name in names[:k] else name for k, name in enumerate(names)]
+
+
+def _typed(group, kind):
+    group.attrs.create("Type", np.bytes_(kind))
+    group.attrs.create("Version", np.array(VERSION, np.int64))
+    return group
+
+
+def _head(file, key, name, total, link):
+    """Begin a part, with its numbers of points, cells and entries of the connectivity."""
+    grid = _typed(file[ROOT].create_group(name), "UnstructuredGrid")
+    grid.attrs.update({"Index": len(file[ROOT]["Assembly"]), "part": key[0], "name": key[1]})
+    file[f"{ROOT}/Assembly/{name}"] = h5py.SoftLink(f"/{ROOT}/{name}")
+    for label, count in zip(("NumberOfPoints", "NumberOfCells", "NumberOfConnectivityIds"), total, strict=True):
+        grid[label] = np.array([count], np.int64)
+    for section in ("PointData", "CellData"):
+        grid.create_group(section)
+    for label in _MESH if link is not None else ():
+        grid[label] = h5py.ExternalLink(link, f"/{ROOT}/{name}/{label}")
+
+
+def _arrays(grid, before, rank):
+    """Rows of one rank by their places, where points, cells and entries of other ranks come before."""
+    first = np.zeros(int(rank == 0), np.int64)
+    return {
+        "Points": grid.points, "Connectivity": grid.connectivity + before[0],
+        "Offsets": np.concatenate([first, grid.offsets + before[2]]), "Types": grid.types,
+        **{f"{section}/{name.replace('/', '_')}": array
+           for section, data in (("PointData", grid.point_data), ("CellData", grid.cell_data))
+           for name, array in data.items()},
+    }  # fmt: skip
+
+
+@dataclass
+class Piece:
+    """One rank's part of a mesh with its fields.
+
+    Parameters
+    ----------
+    points : ndarray (n, 2) or (n, 3)
+        Coordinates in the reference state [length].
+    cells : list of (str, ndarray (nc, nn))
+        Blocks of cells: meshio's name of the type, nodes in VTK's order (row numbers of `points`).
+    point_data : dict of str to ndarray (n,) or (n, k)
+        Fields at the points.
+    cell_data : dict of str to list of ndarray (nc,) or (nc, k)
+        Fields of the cells: one array per block. Symmetric tensors have 6 columns XX, YY, ZZ, XY, YZ, XZ.
+    """
+
+    points: np.ndarray
+    cells: list = field(default_factory=list)
+    point_data: dict = field(default_factory=dict)
+    cell_data: dict = field(default_factory=dict)
+
+
+@dataclass
+class Cloud:
+    """One rank's quadrature points of a contact pair.
+
+    Parameters
+    ----------
+    points : ndarray (n, 2) or (n, 3)
+        Coordinates in the reference state [length].
+    data : dict of str to ndarray (n,) or (n, k)
+        Values at the points.
+    """
+
+    points: np.ndarray
+    data: dict = field(default_factory=dict)
+
+
+def on_all(comm, function, *args, root=False):
+    """Call a function; what one rank raises is raised by all, so that none waits for ever. *Collective.*
+
+    With `root` the result is that of rank 0.
+    """
+    result = error = None
+    try:
+        result = function(*args)
+    except (*TOLD, ValueError) as problem:
+        # what it was raised from stays on this rank
+        error = (type(problem) if isinstance(problem, TOLD) else ValueError)(str(problem))
+    errors = [problem for problem in comm.allgather(error) if problem is not None]
+    if errors:
+        raise errors[0]
+    return comm.bcast(result) if root else result
+
+
+def agree(comm, grids):
+    """Each part's arrays and the ranks that own some of it, the same on all ranks. *Collective.*
+
+    Parameters
+    ----------
+    comm : MPI.Comm
+    grids : dict of (str, str) to pcontact.io.vtu.Grid
+        As of :func:`grids_of`.
+
+    Returns
+    -------
+    dict of (str, str) to dict
+        By group and name: ``file`` (a name for files), ``ranks``, ``point_data`` and ``cell_data``
+        (`pcontact.io.vtu.signature` of every array).
+
+    Raises
+    ------
+    ValueError
+        On all ranks: their arrays differ.
+    """
+    gathered = comm.gather({key: _signatures(grid) for key, grid in grids.items()})
+    return on_all(comm, lambda: _merged(gathered) if gathered else None, root=True)
+
+
+def grids_of(bodies, surfaces, points):
+    """This rank's parts in VTK's arrays.
+
+    Parameters
+    ----------
+    bodies : Piece
+    surfaces : dict of str to Piece
+    points : dict of str to Cloud
+
+    Returns
+    -------
+    dict of (str, str) to pcontact.io.vtu.Grid
+        By group and name.
+
+    Raises
+    ------
+    ValueError
+        An array does not fit its points or cells.
+    """
+    grids = {("bodies", ""): grid_of(bodies, "bodies")}
+    for name, piece in surfaces.items():
+        grids["surfaces", name] = grid_of(piece, f"surface {name!r}")
+    for name, cloud in points.items():
+        # cells of one node: ParaView draws cells, not bare points
+        cells = [("vertex", np.arange(len(cloud.points)).reshape(-1, 1))]
+        grids["points", name] = grid_of(Piece(cloud.points, cells, cloud.data, {}), f"points of {name!r}")
+    return grids
+
+
+def grid_of(piece, name=""):
+    """A piece in VTK's arrays; ValueError where an array does not fit."""
+    points = np.asarray(piece.points, dtype=float)
+    points = points if points.size else np.zeros((0, 3))
+    points = np.pad(points, ((0, 0), (0, 3 - points.shape[1])))
+    blocks = [(kind, np.asarray(nodes)) for kind, nodes in piece.cells]
+    for kind, nodes in blocks:
+        if kind not in vtu.CELL_TYPES or nodes.ndim != 2 or nodes.shape[1] != vtu.CELL_TYPES[kind][1]:
+            raise ValueError(f"{name}: no cells of type {kind!r} with nodes of shape {nodes.shape}")
+        if nodes.size and not 0 <= nodes.min() <= nodes.max() < len(points):
+            raise ValueError(f"{name}: cells of type {kind!r} name nodes beyond the {len(points)} points")
+    counts = [len(nodes) for _, nodes in blocks]
+    sizes = np.repeat([vtu.CELL_TYPES[kind][1] for kind, _ in blocks], counts)
+    types = np.repeat([vtu.CELL_TYPES[kind][0] for kind, _ in blocks], counts)
+    cell_data = {}
+    for key, arrays in piece.cell_data.items():
+        if [len(array) for array in arrays] != counts:
+            raise ValueError(f"{name}: cell data {key!r} have not the lengths {counts} of the blocks")
+        cell_data[key] = _columns(arrays, sum(counts), f"{name}: cell data {key!r}")
+    return vtu.Grid(
+        np.ascontiguousarray(points),
+        np.concatenate([np.zeros(0, np.int64), *(nodes.ravel() for _, nodes in blocks)]).astype(np.int64),
+        np.cumsum(sizes).astype(np.int64),
+        types.astype(np.uint8),
+        {key: _columns([array], len(points), f"{name}: {key!r}") for key, array in piece.point_data.items()},
+        cell_data,
+    )
+
+
+def _columns(arrays, n, name):
+    """Arrays one below the other as VTK stores them, (n,) or (n, k); vectors of the plane padded."""
+    arrays = [np.asarray(array) for array in arrays]
+    arrays = [array for array in arrays if len(array)] or arrays[:1] or [np.zeros(0)]
+    array = vtu.storable(np.concatenate(arrays))
+    if len(array) != n or array.ndim > 2:
+        raise ValueError(f"{name} has shape {array.shape}, not ({n},) or ({n}, k)")
+    if array.ndim == 2 and array.shape[1] in (1, 2):
+        return array[:, 0].copy() if array.shape[1] == 1 else np.pad(array, ((0, 0), (0, 1)))
+    return array
+
+
+def _signatures(grid):
+    """What the ranks must agree on: has this one points and cells, and which arrays do they carry."""
+    return {
+        "size": (len(grid.points), len(grid.types)),
+        "point_data": {key: vtu.signature(array) for key, array in grid.point_data.items()},
+        "cell_data": {key: vtu.signature(array) for key, array in grid.cell_data.items()},
+    }
+
+
+def _merged(gathered):
+    """Rank 0: one description of each part out of all ranks'."""
+    parts = {}
+    keys = {key for local in gathered for key in local}
+    keys = sorted(keys, key=lambda key: (list(GROUPS).index(key[0]), key[1]))
+    files = file_names(keys)
+    for key in keys:
+        pieces = {rank: local[key] for rank, local in enumerate(gathered) if key in local}
+        ranks = [rank for rank, piece in pieces.items() if piece["size"][0]]
+        parts[key] = {
+            "file": files[key],
+            "ranks": ranks or [0],
+            "point_data": _common(
+                key, [(piece["size"][0], piece["point_data"]) for piece in pieces.values()]
+            ),
+            "cell_data": _common(key, [(piece["size"][1], piece["cell_data"]) for piece in pieces.values()]),
+        }
+    return parts
+
+
+def _common(key, pieces):
+    """The arrays of one part. Pieces that hold something must agree, an empty one need not know them."""
+    filled = [arrays for size, arrays in pieces if size]
+    if any(arrays != filled[0] for arrays in filled):
+        raise ValueError(f"{' '.join(key)}: the ranks give different arrays: {filled}")
+    arrays = filled[0] if filled else {name: kind for _, local in pieces for name, kind in local.items()}
+    return dict(sorted(arrays.items()))
+
+
+def file_names(keys):
+    """File names of the parts: a contact's name may hold what a file name must not, and be longer."""
+    names = {key: _file_name(GROUPS[key[0]] + (f"_{key[1][:LONGEST]}" if key[1] else "")) for key in keys}
+    taken = list(names.values())
+    return {
+        key: name if taken.count(name) == 1 else f"{name}_{number}"
+        for number, (key, name) in enumerate(names.items())
+    }
+
+
+def _file_name(name):
+    """A name with letters that the locale and file systems know."""
+    name = re.sub(r"[^\w.-]+", "_", name)
+    try:
+        os.fsencode(name)
+    except UnicodeEncodeError:
+        name = re.sub(r"[^\w.-]+", "_", name, flags=re.ASCII)
+    return name
+
+
+def fill(arrays, signatures):
+    """Bring a piece's arrays to the common list and order; only an empty one can lack some."""
+    given = dict(arrays)
+    arrays.clear()
+    for name, signature in signatures.items():
+        array = given.get(name)
+        arrays[name] = array if array is not None and len(array) else vtu.empty(*signature)
 
 
 class FieldWriter:

@@ -6,8 +6,7 @@ from contextlib import contextmanager, suppress
 
 from pcontact.contact.surface.smooth_geometry import SMOOTH, WRONG, facet_pressure
 from pcontact.io.fields import FieldWriter
-from pcontact.io.history import History
-from pcontact.io.report import Report
+from pcontact.io.report import History, Report
 from pcontact.runtime import log
 from pcontact.runtime.errors import InputError, OutputError
 from pcontact.runtime.observer import Observer

@@ -7,9 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from pcontact.io import vtu
-from pcontact.io.fields import INDICES
-from pcontact.io.parts import NODE_NUMBER, Cloud, Piece
-from pcontact.io.vtkhdf import read_step
+from pcontact.io.fields import INDICES, NODE_NUMBER, Cloud, Piece, read_step
 from pcontact.runtime.errors import InputError
 
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcontact.io.parts import Cloud
+from pcontact.io.fields import Cloud
 from pcontact.view import cells
 
 _AXES = np.eye(3)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from pcontact.element.reference import CELLS, MESHIO_NAMES, facet_kinds, facet_nodes
-from pcontact.io.parts import Piece
+from pcontact.io.fields import Piece
 
 _CELLS = {name: key for key, name in MESHIO_NAMES.items()}
 

@@ -7,7 +7,7 @@ import pyvista
 from vtkmodules.vtkFiltersGeometry import vtkDataSetSurfaceFilter, vtkUnstructuredGridGeometryFilter
 
 from pcontact.io import vtu
-from pcontact.io.parts import Piece
+from pcontact.io.fields import Piece
 from pcontact.view import cells
 
 VALUE, BODY = "value", "body"  # of what is drawn

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from pcontact.cli import guarded
-from pcontact.io.fields import FieldWriter
-from pcontact.io.parts import Piece
+from pcontact.io.fields import FieldWriter, Piece
 from pcontact.io.result import load_result
 from pcontact.mesh.hdf5 import convert
 from pcontact.mesh.read import read_mesh

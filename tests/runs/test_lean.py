@@ -16,8 +16,7 @@ from numba.core.registry import CPUDispatcher
 from meshes.blocks import two_blocks
 from pcontact.contact.formulation.small import SmallTerms
 from pcontact.element.reference import facet_nodes
-from pcontact.io.cost_forecast import cost_forecast, friction_bytes, plastic_bytes
-from pcontact.io.counters import held
+from pcontact.io.costs import cost_forecast, friction_bytes, held, plastic_bytes
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import (

@@ -9,7 +9,7 @@ import sys
 
 import pytest
 
-from pcontact.io.template import write_example, write_template
+from pcontact.io.examples import write_example, write_template
 from pcontact.runtime.errors import InputError
 from tests.support.commands import ROOT, TIMEOUT, environment
 

@@ -11,7 +11,7 @@ from pcontact import build
 from pcontact.assembly.solid import Solid
 from pcontact.io.observers import Terminal
 from pcontact.io.result import load_result
-from pcontact.io.smooth import NodeMeans
+from pcontact.io.snapshot import NodeMeans
 from pcontact.mesh.distribute import distribute
 from pcontact.mesh.raw import complete
 from pcontact.mesh.read import read_mesh

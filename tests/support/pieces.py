@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pcontact.io.parts import Piece
+from pcontact.io.fields import Piece
 
 CUBE = np.array(
     [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]], dtype=float

@@ -7,9 +7,7 @@ import h5py
 import numpy as np
 import pytest
 
-from pcontact.io.checkpoint import NAME, remembering
-from pcontact.io.identity import Identity
-from pcontact.io.restart import ANYWAY, read_checkpoint
+from pcontact.io.checkpoint import ANYWAY, NAME, Identity, read_checkpoint, remembering
 from pcontact.mesh.hdf5 import convert
 from pcontact.runtime import log
 from pcontact.runtime.errors import InputError

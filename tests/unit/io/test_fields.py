@@ -10,9 +10,8 @@ from mpi4py import MPI
 
 import pcontact as pc
 from pcontact.io import vtu
-from pcontact.io.fields import FieldWriter
+from pcontact.io.fields import Cloud, FieldWriter, Piece, grid_of
 from pcontact.io.names import FIELDS, known
-from pcontact.io.parts import Cloud, Piece, grid_of
 from pcontact.io.result import load_result
 from pcontact.io.snapshot import facet_status
 from pcontact.runtime.errors import InputError

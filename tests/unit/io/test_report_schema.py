@@ -8,8 +8,8 @@ import pytest
 import pcontact as pc
 from drivers._common import make_mesh
 from meshes import one_block
+from pcontact.io.report import summary
 from pcontact.io.report_schema import described, report_schema, unknown
-from pcontact.io.summary import summary
 
 
 @pytest.fixture(scope="module")

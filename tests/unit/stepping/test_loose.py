@@ -12,7 +12,7 @@ from drivers._common import make_mesh
 from drivers.cases.stack import scene as heap_scene
 from meshes import heap, one_block, two_blocks
 from meshes.tools import gmsh_model
-from pcontact.io.history import flatten
+from pcontact.io.report import flatten
 from pcontact.runtime import log
 from pcontact.runtime.observer import Observer
 from pcontact.runtime.parallel import on_root

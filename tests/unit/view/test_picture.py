@@ -18,8 +18,7 @@ from matplotlib.image import imread
 from mpi4py import MPI
 from PIL import Image
 
-from pcontact.io.fields import FieldWriter
-from pcontact.io.parts import Cloud, Piece
+from pcontact.io.fields import Cloud, FieldWriter, Piece
 from pcontact.io.result import Result, load_result
 from pcontact.runtime.errors import InputError
 from pcontact.view import camera, colours, extra

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pcontact.element.reference import MESHIO_NAMES, reference_nodes
-from pcontact.io.parts import Piece
+from pcontact.io.fields import Piece
 
 pytest.importorskip("pyvista")
 

@@ -2,7 +2,7 @@
 
 import math
 
-from pcontact.io.summary import summary
+from pcontact.io.report import summary
 
 
 def report(**more):

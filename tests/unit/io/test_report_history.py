@@ -4,7 +4,7 @@ import csv
 
 import numpy as np
 
-from pcontact.io.history import History, flatten
+from pcontact.io.report import History, flatten
 from pcontact.view.plot import table
 from tests.support.records import step_row
 
