@@ -417,6 +417,8 @@ class _Split:
                 nodes = block.nodes[own]
                 table = places.table(some[k], self._degree)
                 values = self._values(places, nodes, weights, table)
+                if not mesh.curved and len(own):
+                    self._straighten(block.cell, places, table, values)
                 keys = self._keys(places, nodes, block.ids[own], int(chosen))
                 parts.append(_Part(number, own, table, some[k], values, keys))
         return parts
@@ -446,17 +448,27 @@ class _Split:
             # one term after the other: the same sum for any number of cells
             for v in np.flatnonzero(weights[p]):
                 values[:, p] += weights[p, v] * known[:, v]
-        if mesh.curved or not len(nodes):
-            return values
-        # nodes of straight cells are in the middles of what they are the middles of
+        return values
+
+    def _straighten(self, cell, places, table, values):
+        """Put nodes of straight cells in the middles of what they are the middles of, with the fields there to first
+        order."""
+        d = self._mesh.dim
         x, vertices = values[:, :, :d], table[:, : d + 1]
+        before = x.copy()
         if places.middle is not None:
             x[:, places.middle] = _mean(x, range(places.vertices))
         if self._degree == 2:
             simplex = edge_nodes(self._cell)
             for a, b in np.unique(np.sort(vertices[:, simplex].reshape(-1, 2), axis=1), axis=0):
                 x[:, places.pairs[int(a), int(b)]] = _mean(x, (a, b))
-        return values
+        if values.shape[2] > d:
+            slopes = shape_gradient(cell, self._mesh.degree, places.at)
+            own = np.concatenate([before, values[:, :, d:]], axis=2)[:, : places.own]
+            for p in np.flatnonzero((x != before).any(axis=(0, 2))):
+                slope = np.einsum("cai,aj->cij", own, slopes[p])
+                step = np.linalg.solve(slope[:, :d], (x[:, p] - before[:, p])[:, :, None])
+                values[:, p, d:] += np.matmul(slope[:, d:], step)[..., 0]
 
     def _keys(self, places, nodes, ids, choice):
         """Keys (n, n_places) of the nodes at all places of cells."""

@@ -115,6 +115,22 @@ def test_skew_cells(shared_tmp):
 
 
 @pytest.mark.parallel
+@pytest.mark.parametrize("kinds", ["quadrilateral", MIXED])
+def test_linear_fields_stay_linear_on_skew_cells(shared_tmp, kinds):
+    """Nodes in the middles of straight cells come into the middles of diagonals, and the fields with them."""
+    if kinds == "quadrilateral":
+        # straight cells in four sides that are no parallelogram
+        mesh = load(mesh_of(shared_tmp, kinds), 2)
+        mesh.points[:, 0] += 0.2 * mesh.points[:, 0] * mesh.points[:, 1]
+    else:
+        mesh = load(mesh_of(shared_tmp, kinds, bend), 2)
+    slope = np.arange(1.0, 1.0 + 2 * mesh.dim).reshape(mesh.dim, 2)
+    new, (field,), _ = split(mesh, [mesh.points @ slope])
+    assert not mesh.curved and new.n_nodes_total >= mesh.n_nodes_total
+    assert np.allclose(field, new.points @ slope, rtol=0.0, atol=1e-9)
+
+
+@pytest.mark.parallel
 def test_curved_cells_keep_their_shape(shared_tmp):
     """Rings of degree 2: the area is that of the curved cells, and all nodes are those of the file."""
     path = make_mesh(rings, shared_tmp / "rings.msh", order=2)
