@@ -95,10 +95,9 @@ def check_scene(scene):
     for contact in simulation.problem.contacts:
         for pair in contact.pairs:
             pair.detect(undeformed, 0.0, 0.0)
-        facets = comm.allreduce(sum(len(pair.source.cells) for pair in contact.pairs))
-        points = comm.allreduce(sum(len(pair.source.facet) for pair in contact.pairs))
-        low = comm.allreduce(min(float(np.min(pair.gamma, initial=np.inf)) for pair in contact.pairs), op=MPI.MIN)
-        high = comm.allreduce(max(float(np.max(pair.gamma, initial=0.0)) for pair in contact.pairs), op=MPI.MAX)
+        facets, points = (comm.allreduce(len(one)) for one in (contact.source.cells, contact.source.facet))
+        low = comm.allreduce(float(np.min(contact.gamma, initial=np.inf)), op=MPI.MIN)
+        high = comm.allreduce(float(np.max(contact.gamma, initial=0.0)), op=MPI.MAX)
         if contact.law.tied:
             tied = comm.allreduce(sum(int(np.sum(pair.pairing.paired)) for pair in contact.pairs))
             log.info("contact %s: %d source facets, %d of %d points tied", contact.name, facets, tied, points)
@@ -115,7 +114,7 @@ def check_scene(scene):
                      paired, least, most)  # fmt: skip
         else:
             log.info("contact %s: no point has a partner in the undeformed bodies", contact.name)
-        if not paired or least > max(pair.rounding for pair in contact.pairs):
+        if not paired or least > max(pair.search.rounding for pair in contact.pairs):
             _say_distance(simulation, contact, least if paired else _distance(simulation, contact))
         pressure, gap = facet_pressure(contact.pairs)
         if pressure > 0.0:
@@ -248,8 +247,7 @@ def _distance(simulation, contact):
     *Collective.*"""
     space, least = simulation.problem.space, np.inf
     for pair in contact.pairs:
-        nodal, far = np.zeros((space.n_local, space.dim)), size_of(simulation.mesh)
-        found = pair.search.find(nodal, pair.deformed(nodal), pair.source.normal, 0.0, far, pair.origin)
+        found = pair.search.find(space.vector(), 0.0, size_of(simulation.mesh))
         # those that look away from each other lie behind each other
         least = min(least, float(np.min(found.gap[found.paired & (found.gap > 0.0)], initial=np.inf)))
     return space.comm.allreduce(least, op=MPI.MIN)

@@ -7,8 +7,7 @@ import numpy as np
 from pcontact.contact.finite_pair import finite_pair
 from pcontact.contact.formulation.parameters import coercive, parameter
 from pcontact.contact.law import ADDED, contact_law
-from pcontact.contact.pair import contact_pair
-from pcontact.contact.path import SlipPath
+from pcontact.contact.pair import NOTHING_MORE, Setting, contact_pair
 from pcontact.contact.report import ContactReport
 from pcontact.contact.search.all_surfaces import burdened, meetings, outer_surfaces, paired_elsewhere
 from pcontact.contact.search.overlap import overlap
@@ -136,7 +135,7 @@ def _moves(space, bulk, source, target):
     return space.comm.allreduce(any(bool(np.isin(side, finite).any()) for side in sides), op=MPI.LOR)
 
 
-def pair_of(space, bulk, contact, source, target, radius, floats=False):
+def pair_of(space, bulk, contact, source, target, radius, setting=NOTHING_MORE):
     """The pair of a contact in its formulation. *Collective.*
 
     Parameters
@@ -146,8 +145,8 @@ def pair_of(space, bulk, contact, source, target, radius, floats=False):
         See :func:`pcontact.contact.pair.contact_pair`.
     """
     if bulk.finite is not None and _moves(space, bulk, source, target):
-        return finite_pair(space, bulk, contact, source, target, radius, floats)
-    return contact_pair(space, contact, source, target, radius, floats, bulk)
+        return finite_pair(space, bulk, contact, source, target, radius, setting)
+    return contact_pair(space, contact, source, target, radius, setting, bulk)
 
 
 def _cuts(space, contact, source, target):
@@ -198,37 +197,37 @@ def _halves(scene, space, bulk, contact, supports, radius, floats, smooth):
         source, target = _fitted(space, one, source, target, radius)
         if contact.all:
             source = _muted(scene, space, supports, contact, source)
-        halves.append(pair_of(space, bulk, one, halved(source), target, radius, floats))
-        _add_chords(space, one, halves[-1], source, smooth)
+        setting = Setting(floats, _chords(space, one, source, target, smooth), scene.output.slip)
+        halves.append(pair_of(space, bulk, one, halved(source), target, radius, setting))
     return halves
 
 
-def _add_chords(space, contact, pair, source, known):
-    """Let a pair know what its straight facets do to the gap. *Collective.*
+def _chords(space, contact, source, target, known):
+    """What straight facets do to the gap of a pair, :class:`Chords`; None where they do nothing. *Collective.*
 
     Parameters
     ----------
     space : pcontact.space.space.Space
     contact : pcontact.scene.model.Contact
         Of the pair, with its numerics resolved.
-    pair : pcontact.contact.pair.ContactPair
     source : SourceSurface
-        That the pair was made from, with the shape functions of whole cells.
+        With the shape functions of whole cells.
+    target : TargetSurface or RigidObstacle
     known : dict of (str, bool) to SmoothSurface or None
         Of the groups seen before; grows.
     """
     fitted = contact.smooth_geometry
     if contact.clearance is not None and not fitted:
         # a gap that is said is not that between the facets
-        return
+        return None
     for name in (contact.source, contact.target):
         if name is not None and (name, fitted) not in known:
             # means do for a warning
             known[name, fitted] = smooth_surface(space, name, fitted)
     surfaces = known[contact.source, fitted], known.get((contact.target, fitted))
-    if any(surface is not None for surface in surfaces):
-        target = None if pair.rigid else pair.target
-        pair.chords = Chords(space, contact, source, target, surfaces)
+    if all(surface is None for surface in surfaces):
+        return None
+    return Chords(space, contact, source, None if contact.target is None else target, surfaces)
 
 
 def _tied_radius(space, source, target):
@@ -401,7 +400,7 @@ def _check_sizes(scene, space, number, contact, pair):
     """Refuse a source in space too coarse for its target, unless the scene allows it. *Collective.*"""
     if space.dim == 2 or contact.obstacle is not None or is_unbiased(contact) or contact.all:
         return
-    ratio = _coarseness(space, pair.source, pair.target)
+    ratio = _coarseness(space, pair.source, pair.search.target)
     if contact.cut is False and ratio > COARSE:
         unsafe(
             scene, "facet_sizes", f"contacts[{number}] ({contact.name}).cut",
@@ -542,14 +541,10 @@ def contact_reports(scene, space, supports, free, bulk, tied):
         target = target_surface(space, contact.target) if contact.obstacle is None else _rigid(scene, space, number)
         stiffer = _check_source(space, bulk, contact, source)
         source, target = _fitted(space, contact, source, target, radius)
-        pair = pair_of(space, bulk, contact, source, target, radius, floats)
-        pair.stiffer = stiffer
-        _add_chords(space, contact, pair, source, smooth)
+        setting = Setting(floats, _chords(space, contact, source, target, smooth), scene.output.slip)
+        pair = pair_of(space, bulk, contact, source, target, radius, setting)
         _check_sizes(scene, space, number, contact, pair)
-        reports.append(ContactReport(contact, [pair]))
-    for pair in (pair for report in reports for pair in report.pairs if scene.output.slip):
-        if (pair.law.tangential or pair.law.held) and not pair.contact.tied:
-            pair.path = SlipPath(len(pair.source.facet))
+        reports.append(ContactReport(contact, [pair], stiffer))
     for k in sorted(set(free) - touching):
         name = space.mesh.component_names[k]
         text = "body %s: no contact pair can hold the %d rigid modes that no support holds"

@@ -436,7 +436,7 @@ class Simulation:
         """Say of the contacts that a phase ties which ones were nowhere closed before: these are open all the phase.
         *Collective.*"""
         for one in self.problem.contacts:
-            closed = self.comm.allreduce(sum(int(pair.closed.sum()) for pair in one.pairs))
+            closed = self.comm.allreduce(int(one.closed.sum()))
             if one.contact.held and not closed:
                 log.warning("phase %s: contact %s has no point that is closed at time %g: tied = [%r] ties nothing",
                             span.name, one.name, span.begin, one.name)  # fmt: skip

@@ -106,7 +106,7 @@ def bound(simulation, mu, point=(0.0, 0.0)):
     """Integrals of mu p r over the deformed source, and of mu p, p the pressure. *Collective.*"""
     pair, u = simulation.problem.contacts[0].pairs[0], simulation.stepper.u
     state = pair.state(u)
-    place = pair.deformed(simulation.problem.space.local.gather(u)) + pair.origin
+    place = pair.search.deformed(simulation.problem.space.local.gather(u)) + pair.search.origin
     force = mu * state["pressure"] * state["weight"]
     arm = np.linalg.norm(place[:, :2] - np.asarray(point), axis=1)
     return simulation.comm.allreduce(np.array([force @ arm, force.sum()]))

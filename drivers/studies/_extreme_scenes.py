@@ -118,7 +118,7 @@ def stack(
         comm, item = simulation.comm, simulation.problem.contacts[0]
         soft, closing = low / moduli[0] + high / moduli[1], gap
         if contact.get("formulation") == "penalty":
-            stiff = comm.allreduce(float(np.max(item.gamma, initial=0.0)), op=MPI.MAX)
+            stiff = comm.allreduce(float(np.max(item.method.gamma, initial=0.0)), op=MPI.MAX)
             soft += frame.stress / frame.length / stiff
         if contact.get("interference") == "adjust":
             closing = max(gap, 0.0)

@@ -86,7 +86,7 @@ def potential(simulation):
     item = problem.contacts[0]
     state = item.state(u)
     squares = state["pressure"] ** 2 - state["normal_stress"] ** 2
-    own += 0.5 * float(state["weight"] @ (squares / item.gamma))
+    own += 0.5 * float(state["weight"] @ (squares / item.method.gamma))
     return simulation.comm.allreduce(own, op=MPI.SUM)
 
 

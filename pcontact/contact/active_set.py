@@ -99,12 +99,12 @@ class PairActiveSet(ActiveSet):
     def closed_count(self):
         """Points of this rank that were closed at the end of the last load step."""
         pair = self._pair
-        return 0 if pair.law.tied else int(np.sum(pair.closed))
+        return 0 if pair.law.tied else int(np.sum(pair.history.closed))
 
     def closed_areas(self):
         """Closed area (n_components,) at the end of the last load step, of this rank. *Collective.*"""
         pair = self._pair
-        return borne(pair.space, pair.pairing, pair.source, pair.closed.astype(float))
+        return borne(pair.space, pair.pairing, pair.source, pair.history.closed.astype(float))
 
     def bonds(self):
         """Forces (n_components,) that adhesion may exert without pressure, of this rank; any where contact bears
@@ -121,7 +121,7 @@ class PairActiveSet(ActiveSet):
         """
         pair = self._pair
         now = pair.pressed(u)
-        then = np.where(pair.closed, -1.0, 1.0) if pair.rigid else pair.pressed(before)
+        then = np.where(pair.history.closed, -1.0, 1.0) if pair.rigid else pair.pressed(before)
         # surfaces that just touch are closed, and remain so
         return float(np.sum(pair.source.jxw[(now * then < 0.0) & pair.pairing.paired]))
 

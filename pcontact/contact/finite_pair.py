@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pcontact.contact import motion
+from pcontact.contact.detection import Detection
 from pcontact.contact.formulation.finite import FiniteTerms
 from pcontact.contact.formulation.finite_geometry import (
     CLOSEST,
@@ -23,8 +24,7 @@ from pcontact.contact.formulation.finite_held import AWAY
 from pcontact.contact.formulation.layer import FiniteLayerTerms
 from pcontact.contact.formulation.methods import facet_columns
 from pcontact.contact.law import OPEN, contact_law
-from pcontact.contact.pair import ContactPair, method_of, partner_search
-from pcontact.contact.pairing import Pairing
+from pcontact.contact.pair import NOTHING_MORE, ContactPair, Pairing, method_of, partner_search
 from pcontact.contact.surface.facet_maps import KIND, MAX_NODES
 from pcontact.contact.traction.finite import FiniteTraction, NoTraction
 from pcontact.element.reference import reference_nodes
@@ -65,6 +65,27 @@ class FinitePairing(Pairing):
         if self.obstacle is None:
             return self.frozen
         return self.obstacle(self.points, self.frozen, values, curved)
+
+    def lengths(self, values):
+        """See :meth:`Pairing.lengths`: gaps are differences of places."""
+        return np.abs(values) + np.abs(self.x), np.zeros(len(self.paired))
+
+    def carry(self, places):
+        """See :meth:`Pairing.carry`."""
+        self.frozen = self.frozen._replace(start=places)
+
+
+class FiniteDetection(Detection):
+    """With the normals of the deformed source; parameters as for `Detection`."""
+
+    def __init__(self, *arguments):
+        super().__init__(*arguments)
+        self.points = finite_source(self._source, self.origin)
+
+    def turn(self, nodal):
+        """Take the normals of the source under displacements (n_local, d)."""
+        self.normals = np.empty_like(self._source.normal)
+        current_normals(self.points, nodal, self.normals)
 
 
 class ObstacleAt:
@@ -171,13 +192,13 @@ def _clipped(kinds, xi):
 
 
 class FinitePair(ContactPair):
-    """One source surface and its partners at finite motion; parameters as for `ContactPair`, with `FiniteTerms` and a
-    source that has the gradients of its cells, whatever the formulation."""
+    """One source surface and its partners at finite motion; parameters as for `ContactPair`, with `FiniteTerms`, a
+    `FiniteDetection` and a source that has the gradients of its cells, whatever the formulation."""
 
-    def __init__(self, space, contact, source, search, terms, radius, floats=False):
-        super().__init__(space, contact, source, search, terms, radius, floats)
-        self._points = finite_source(source, self.origin)
+    def __init__(self, space, contact, source, search, terms, setting):
+        super().__init__(space, contact, source, search, terms, setting)
         self.verifies = self.follows = not (self.rigid or self.law.tied)
+        self._stressed, self._traces = terms.traction.small, contact.search == "ray_tracing" and not self.rigid
 
     def detect(self, u, time, motion=0.0, ahead=None):
         """See :meth:`ContactPair.detect`. *Collective.*"""
@@ -185,33 +206,20 @@ class FinitePair(ContactPair):
         self.terms.start()
         super().detect(u, time, motion, ahead)
 
-    def _turn(self, nodal):
-        """Normals of the deformed source."""
-        self._normals = np.empty_like(self.source.normal)
-        current_normals(self._points, nodal, self._normals)
-
     def _plan(self, nodes, paired):
         super()._plan(nodes, paired)
         space = self.space
         vector = space.vector()
-        vector.setArray((space.points - self.origin)[space.owned_local].ravel())
+        vector.setArray((space.points - self.search.origin)[space.owned_local].ravel())
         self._places = self._planned[0].gather(vector)
         vector.destroy()
-
-    def _freeze(self, u, gap, normal, found):
-        """Freeze facets; what the gap has beside that of the places is kept, too. *Collective.*"""
-        super()._freeze(u, gap, normal, found)
-        if self.law.tied:
-            p, offset = self.pairing, np.zeros_like(self.source.x)
-            tied_offsets(p.points, p.frozen, p.x, p.exchange.gather(u), offset)
-            p.frozen = p.frozen._replace(offset=offset)
 
     def _paired(self, normal, found):
         p, (n, d) = super()._paired(normal, found), normal.shape
         mode = OBSTACLE if self.rigid else TIED if self.law.tied else RAY if self._traces else CLOSEST
         kinds, xi, obstacle = np.zeros(n, dtype=np.int64), np.zeros((n, 2)), None
         if self.rigid:
-            obstacle = ObstacleAt(self.search, self._time, self.origin, STEP * size_of(self.space.mesh))
+            obstacle = ObstacleAt(self.search.among, self._time, self.search.origin, STEP * size_of(self.space.mesh))
         else:
             kinds = kinds_of(found.nodes, d, self.space.degree).astype(np.int64)
             at = _reference(kinds, self.space.degree)[:, : p.target_shape.shape[1]]
@@ -220,22 +228,20 @@ class FinitePair(ContactPair):
             np.where(p.paired, mode, NONE), p.targets, kinds, xi, normal, np.zeros(n), np.zeros((n, d)), np.zeros(n),
             np.zeros((0, d, d)), np.zeros((n, d)),
         )  # fmt: skip
-        points = self._points._replace(cells=p.cells)
+        points = self.search.points._replace(cells=p.cells)
         return FinitePairing(**vars(p), points=points, frozen=frozen, x=self._places, obstacle=obstacle)
-
-    @property
-    def _stressed(self):
-        return self.terms.traction.small
-
-    @property
-    def _traces(self):
-        return self.search.method == "ray_tracing"
 
     def _take_gap(self, values, gap):
         """Modes and numbers of points that do not follow the facets alone; and of points that have lost their partner
-        a plane across the normal. *Collective.*
+        a plane across the normal. Tied points keep what lies between them. *Collective.*
         """
-        p, contact = self.pairing, self.terms.place(self.pairing, values)
+        p = self.pairing
+        if self.law.tied:
+            offset = np.zeros_like(self.source.x)
+            tied_offsets(p.points, p.frozen, p.x, values, offset)
+            p.frozen = p.frozen._replace(offset=offset)
+            return
+        contact = self.terms.place(p, values)
         mode = p.frozen.mode
         if not self.rigid and not self._traces:
             off = np.ones(len(mode), dtype=bool)
@@ -248,12 +254,6 @@ class FinitePair(ContactPair):
         jump = np.einsum("pa,pad->pd", self.source.shape, values[p.cells[self.source.facet]])
         jump -= np.einsum("pm,pmd->pd", p.target_shape, values[p.targets])
         p.gap0[:] = gap + np.einsum("pd,pd->p", jump, p.normal)
-
-    def _places_at(self, p, values):
-        return places(p.points, values)
-
-    def _carry(self, p, values, moved):
-        p.frozen = p.frozen._replace(start=places(p.points, values) + moved)
 
     def _couples(self, closed):
         """Also points that are open, where the closest point's normal stands in their adjoint term."""
@@ -281,13 +281,12 @@ class FinitePair(ContactPair):
         """See :meth:`pcontact.assembly.item.Item.renew`: until points have the facets that they find. *Collective.*"""
         if not self.verifies:
             return False
-        p, found, values = self.pairing, self._partners_at(u, time), self.pairing.exchange.gather(u)
-        closed = self.terms.forces(p, values, self._view())[1] > OPEN
-        gap = found.gap + self._offset(time)
+        p, found, values = self.pairing, self.search.find(u, time), self.pairing.exchange.gather(u)
+        closed = self.terms.forces(p, values, self.view())[1] > OPEN
         contact = self.terms.place(p, values)
         on = self._on_facets(contact, values)
-        touches = closed | (found.paired & (gap <= 0.0)) | self._astray(on)
-        self.stale, *_ = motion.misled(self, u, found, gap, contact.normal, time)
+        touches = closed | (found.paired & (found.gap <= 0.0)) | self._astray(on)
+        self.stale, *_ = motion.misled(self, u, found, contact.normal, time)
         others = np.where(found.paired, found.ids, -1) != np.where(p.paired, p.ids, -1)
         turned = found.paired & (np.abs(found.normal - contact.normal).max(axis=1) > APART)
         # on the same facet, but held at its edge where it was not, or no longer
@@ -301,7 +300,7 @@ class FinitePair(ContactPair):
             returns = touches & others & turned & contact.live & (found.ids == self._former.ids)
             returns &= np.einsum("pd,pd->p", found.normal, contact.normal) > 0.0
             found = self._between(found, contact, values, returns)
-        self._take_again(found, u, before, time)
+        self.take_again(found, u, before, time)
         return True
 
     def _on_facets(self, contact, values):
@@ -335,10 +334,6 @@ class FinitePair(ContactPair):
             shape=np.where(back, held.shape, found.shape),
         )  # fmt: skip
 
-    def _lengths(self, p, values):
-        """Places."""
-        return np.abs(values) + np.abs(p.x), np.zeros(len(p.paired))
-
     def normal_motion(self, u, before):
         """Largest change of the gap of a point with a partner between two displacements [length]; where bodies turn,
         the motion of points without one says nothing. *Collective.*
@@ -357,12 +352,12 @@ class FinitePair(ContactPair):
     def state(self, u):
         """See :meth:`ContactPair.state`; pressure, traction and weight are per undeformed area. *Collective.*"""
         p = self.pairing
-        state = self.terms.state(p, p.exchange.gather(u), self._view())
+        state = self.terms.state(p, p.exchange.gather(u), self.view())
         gap = np.where(p.paired, state["gap"], self.radius)
         return {**state, "gap": gap, "weight": self.source.jxw, "x": self.source.x}
 
 
-def finite_pair(space, bulk, contact, source, target, radius, floats=False):
+def finite_pair(space, bulk, contact, source, target, radius, setting=NOTHING_MORE):
     """The pair of a contact between bodies of which some have finite strain. *Collective.*
 
     Parameters
@@ -383,4 +378,6 @@ def finite_pair(space, bulk, contact, source, target, radius, floats=False):
         traction = NoTraction(space, bulk, source, contact.source)
     kind = FiniteTerms if contact.pressure_overclosure is None else FiniteLayerTerms
     terms = kind(space, source, method, traction, law)
-    return FinitePair(space, contact, source, partner_search(space, contact, target, law), terms, radius, floats)
+    among = partner_search(space, contact, target, law)
+    search = FiniteDetection(space, contact, source, among, radius, setting.chords)
+    return FinitePair(space, contact, source, search, terms, setting)

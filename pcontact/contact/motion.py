@@ -22,6 +22,8 @@ DEEPER = 0.1
 # [-] Difference from a former normal, in parts of that from the present one, up to which a point goes back to it.
 # From: chosen.
 RETURNED = 0.1
+# [-] Part of the way to a gap that is found again which a point goes at least. From: chosen.
+DAMPED = 0.25
 
 
 def step_limit(pair, u, y, falls=None):
@@ -47,7 +49,7 @@ def step_limit(pair, u, y, falls=None):
     """
     p, source, comm = pair.pairing, pair.source, pair.space.comm
     traction, gap = pair.terms.normal_state(p, p.exchange.gather(u), p.acts)
-    overclosed = traction + pair.gamma * gap
+    overclosed = traction + pair.method.gamma * gap
     gap = gap - pair.method.begins
     approach = pair.terms.approach(p, u, y)
     part = pair.radius / max(float(np.max(np.abs(approach), initial=0.0)), 1e-300)
@@ -104,12 +106,12 @@ def lost(gap, paired, closed, size):
 def lost_by_obstacle(pair, u, values):
     """The same by the frozen normals of an obstacle: its distance is known. What is inside without a partner has
     passed, too. *Collective.*"""
-    x, source = pair.deformed(pair.space.local.gather(u)), pair.source
-    gap, _ = pair.search.distance(x, pair.time, pair.origin)
-    gap = gap + (0.0 if pair.offset is None else pair.offset)
+    search, source = pair.search, pair.source
+    gap, _ = search.among.distance(search.deformed(pair.space.local.gather(u)), pair.history.time, search.origin)
+    gap = gap + search.offset
     near, wrong = pair.pairing.paired, DEEPER * source.size[source.facet]
     linear = np.where(near, pair.terms.gap(pair.pairing, values), 0.0)
-    passed, left = gap < np.minimum(linear, 0.0) - wrong, near & pair.closed & (gap > linear + wrong)
+    passed, left = gap < np.minimum(linear, 0.0) - wrong, near & pair.history.closed & (gap > linear + wrong)
     return int(np.sum(passed)), int(np.sum(left))
 
 
@@ -120,7 +122,7 @@ def normal_motion(pair, u, before):
     p, gap, comm = pair.pairing, pair.terms.gap, pair.space.comm
     change = gap(p, p.exchange.gather(u)) - gap(p, p.exchange.gather(before))
     if not pair.rigid:
-        nodes, local = np.unique(pair.target.nodes), pair.space.local
+        nodes, local = np.unique(pair.search.target.nodes), pair.space.local
         moved = local.gather(u)[nodes] - local.gather(before)[nodes]
         alone = np.flatnonzero(~p.paired)
         middle, half = _box(comm, moved)
@@ -158,7 +160,7 @@ def farthest(change, normal, moved, out):
         out[p] = most
 
 
-def misled(pair, u, found, gap, normal, time, keeps=0.0, former=None):
+def misled(pair, u, found, normal, time, keeps=0.0, former=None):
     """Part by which contact forces at a solution ``u`` would be others among the partners that a search finds there.
 
     Stiff points make much of small changes of their gap: the forces of the bodies change by as much of themselves as
@@ -171,8 +173,6 @@ def misled(pair, u, found, gap, normal, time, keeps=0.0, former=None):
     pair : pcontact.contact.pair.ContactPair
     u : PETSc.Vec
     found : pcontact.contact.search.partners.Partners
-    gap : ndarray (np,)
-        That they have there [length].
     normal : ndarray (np, d)
         By which the load step has gone at ``u``.
     time : float
@@ -192,20 +192,20 @@ def misled(pair, u, found, gap, normal, time, keeps=0.0, former=None):
     lost : bool
         Whether there are such points, or open ones that are inside a partner, deeper than any closed point.
     """
-    p, comm, jxw = pair.pairing, pair.space.comm, pair.source.jxw
+    p, comm, jxw, gap = pair.pairing, pair.space.comm, pair.source.jxw, found.gap
     values = p.exchange.gather(u)
     traction, linear = pair.terms.normal_state(p, values)
     bears = pair.forces(u)[1] > OPEN
     closed, misses = p.paired & bears & found.paired, p.paired & bears & ~found.paired
-    force = np.where(bears, jxw * np.abs(traction + pair.gamma * linear), 0.0)
+    force = np.where(bears, jxw * np.abs(traction + pair.method.gamma * linear), 0.0)
     change = np.where(closed, np.abs(gap - linear), 0.0)
     # rounding errors of a gap are no change
-    change[change <= pair.rounding] = 0.0
+    change[change <= pair.search.rounding] = 0.0
     way = closing_motion(pair, u, values, time) @ np.where(closed, force, 0.0)
     deepest = comm.allreduce(float(np.max(-linear[closed], initial=0.0)), op=MPI.MAX)
-    inside = found.paired & ~bears & (gap - pair.method.begins < -max(deepest, pair.rounding))
+    inside = found.paired & ~bears & (gap - pair.method.begins < -max(deepest, pair.search.rounding))
     # what its own tension holds open would be open with the gap of the search, too
-    inside &= traction + pair.gamma * gap <= 0.0
+    inside &= traction + pair.method.gamma * gap <= 0.0
     counts, areas = (np.sum(misses), np.sum(inside)), (jxw[bears].sum(), jxw[inside] @ -gap[inside])
     sums = [force.sum(), force[misses].sum(), *counts, *areas, *way, *(force @ normal)]
     total, missed, misses, inside, area, depth, *sums = comm.allreduce(np.array(sums), op=MPI.SUM)
@@ -232,6 +232,32 @@ def misled(pair, u, found, gap, normal, time, keeps=0.0, former=None):
     return *parts, lost
 
 
+def damped(way, last=None):
+    """Parts of their ways to gaps that are found again which points go: less where these lie beyond by turns.
+
+    A partner that stays takes along a gap whose derivative is that along the normal. Where the normal is not that of
+    the partner's facet the true one is larger, by a ray at 45 degrees twice as large, and the gap that is found goes to
+    and fro. Aitken's rule at each point.
+
+    Parameters
+    ----------
+    way : ndarray (np,)
+        From the gaps as they are to those that are found [length].
+    last : (ndarray (np,), ndarray (np,)), optional
+        What this has said in the last search of the load step.
+
+    Returns
+    -------
+    way, part : ndarray (np,)
+    """
+    if last is None:
+        return way, np.ones(len(way))
+    before, part = last
+    with np.errstate(divide="ignore", invalid="ignore"):
+        part = part * before / (before - way)
+    return way, np.where((part > 0.0) & (part < 1.0), np.maximum(part, DAMPED), 1.0)
+
+
 def closing_motion(pair, u, values, time):
     """Ways (2, np) that the bodies have been pressed together at each point, along its normal, elastic or plastic
     [length].
@@ -247,7 +273,8 @@ def closing_motion(pair, u, values, time):
     mean = (sums[:-1] / np.maximum(sums[-1], 1.0)).T
     here = np.einsum("pa,pad->pd", source.shape, values[p.cells[source.facet]])
     if pair.rigid:
-        there = back = np.broadcast_to(pair.search.moved(source.x - pair.origin, 0.0, time, pair.origin), here.shape)
+        origin = pair.search.origin
+        there = back = np.broadcast_to(pair.search.among.moved(source.x - origin, 0.0, time, origin), here.shape)
     else:
         there, back = np.einsum("pm,pmd->pd", p.target_shape, values[p.targets]), mean[other]
     return np.array([np.einsum("pd,pd->p", way, p.normal) for way in (here - back, mean[own] - there)])
@@ -259,7 +286,7 @@ def clearance(pair, u, fields, beyond):
     p, source = pair.pairing, pair.source
     own, other = components_of(pair.space, p, source)
     some = np.flatnonzero(p.paired & (own != other))
-    distance = (pair.pressed(u) - (pair.law.reach if beyond else 0.0)) / pair.gamma
+    distance = (pair.pressed(u) - (pair.law.reach if beyond else 0.0)) / pair.method.gamma
     rows = np.empty((len(some), 2, len(fields)))
     for k, field in enumerate(fields):
         values = p.exchange.gather(field)

@@ -39,13 +39,13 @@ class NodeDepths:
         """Depth of the deepest node of the source in the target [length], and its reference position (d,); 0 where none
         is inside. *Collective.*"""
         p, source = self._pair.pairing, self._pair.source
-        near = np.flatnonzero(self._pair.coupled)
+        near = np.flatnonzero(self._pair.rows.coupled)
         own = p.cells[source.facet[near]]
-        return self._deepest(u, self._pair.target, np.where(source.shape[near] != 0.0, own, -1), p.normal[near])
+        return self._deepest(u, self._pair.search.target, np.where(source.shape[near] != 0.0, own, -1), p.normal[near])
 
     def of_target(self, u):
         """The same of the nodes of the target in the source. *Collective.*"""
-        p, near = self._pair.pairing, np.flatnonzero(self._pair.coupled)
+        p, near = self._pair.pairing, np.flatnonzero(self._pair.rows.coupled)
         return self._deepest(u, self._source, p.targets[near], -p.normal[near])
 
     def _deepest(self, u, surface, nodes, normal):
@@ -61,8 +61,8 @@ class NodeDepths:
         owned = np.flatnonzero(length > 0.0)
         x = space.points[space.owned_local[owned]]
         moved = u.getArray(readonly=True).reshape(-1, space.dim)[owned]
-        query = QueryPoints((x - pair.origin) + moved, normal[owned] / length[owned, None], pair.radius)
-        found = find_partners(space, surface, space.local.gather(u), query, "closest_point", pair.origin)
+        query = QueryPoints((x - pair.search.origin) + moved, normal[owned] / length[owned, None], pair.radius)
+        found = find_partners(space, surface, space.local.gather(u), query, "closest_point", pair.search.origin)
         depth = np.where(found.id >= 0, -found.gap, 0.0)
         k = int(np.argmax(depth)) if len(depth) else -1
         deepest = (float(depth[k]), x[k]) if k >= 0 else (0.0, np.zeros(space.dim))

@@ -1,12 +1,17 @@
 """A contact pair: one source surface and its partners, as an item of the discrete problem.
 
-A pair is made of a *search* (who is the partner of a point: `pcontact.contact.search`), a *traction* (the stress of the
-source at its points: `pcontact.contact.traction`), a *formulation* (Nitsche, penalty, augmented Lagrangian:
-`pcontact.contact.formulation`) and a *law* (frictionless, Coulomb, Tresca, tied: `pcontact.contact.law`).
+A pair is made of a *detection* (who is the partner of a point: `pcontact.contact.detection`), *terms* (residual and
+tangent at the points: `pcontact.contact.formulation`) with a *traction* (the stress of the source at its points:
+`pcontact.contact.traction`), a *method* (Nitsche, penalty, augmented Lagrangian) and a *law* (frictionless, Coulomb,
+Tresca, tied: `pcontact.contact.law`), and of a *history* (what points remember: `pcontact.contact.history`).
 
-The life of a pair: `detect` finds the partners, which stay for the load step; residual and tangent are functions of the
-displacement, the state committed last and the status rule; `commit` takes the state to the end of the load step.
+The life of a pair: `detect` finds the partners, which stay for the load step, the *pairing*; residual and tangent are
+functions of the displacement, the state committed last and the status rule; `commit` takes the state to the end of the
+load step.
 """
+
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,24 +20,21 @@ from pcontact.assembly.item import LAW, Item
 from pcontact.assembly.pattern import OwnedRows
 from pcontact.contact import motion
 from pcontact.contact.active_set import PairActiveSet
+from pcontact.contact.detection import Detection
 from pcontact.contact.formulation.augmented import AugmentedLagrangian
 from pcontact.contact.formulation.averages import add_at_nodes
 from pcontact.contact.formulation.layer import Layer, LayerTerms
 from pcontact.contact.formulation.methods import Method, Penalty
 from pcontact.contact.formulation.small import SmallTerms
-from pcontact.contact.initial import initial_gap
+from pcontact.contact.history import PointHistory
 from pcontact.contact.law import OPEN, SLIP, View, contact_law
-from pcontact.contact.pairing import Pairing
-from pcontact.contact.path import NAME as PATH
-from pcontact.contact.points import PartnerPoints, SourcePoints, interpolate
+from pcontact.contact.points import PartnerPoints, SourcePoints, TractionOperator
 from pcontact.contact.search.partners import ObstacleSearch, TargetSearch
 from pcontact.contact.surface.obstacle import RigidObstacle
 from pcontact.contact.traction.small import Traction
 from pcontact.contact.traction.target import source_traction
-from pcontact.mesh.mesh import bounding_box
-from pcontact.runtime.parallel import take_rows, together
+from pcontact.runtime.parallel import together
 from pcontact.runtime.petsc import MPI
-from pcontact.space.turn import moments
 
 # [facet sizes] So far ahead, facets get their place in the pattern before they close. From: chosen; what closes
 # farther away makes a new pattern.
@@ -40,8 +42,140 @@ FORESEEN = 4.0
 
 # formulations of a scene
 METHODS = {"nitsche": Method, "penalty": Penalty, "augmented_lagrangian": AugmentedLagrangian}
-# [-] Part of the way to a gap that is found again which a point goes at least. From: chosen.
-DAMPED = 0.25
+
+
+class Setting(NamedTuple):
+    """What a pair is asked for beside its contact.
+
+    Attributes
+    ----------
+    floats : bool
+        Whether a body of the pair is not held by supports.
+    chords : pcontact.contact.surface.smooth_geometry.Chords or None
+        What straight facets do to the gap; None where they do nothing, or nobody asks.
+    wears : bool
+        Whether slip and wear are summed up.
+    """
+
+    floats: bool = False
+    chords: object = None
+    wears: bool = False
+
+
+NOTHING_MORE = Setting()
+
+
+@dataclass
+class Pairing:
+    """Partners of the source points, frozen until the next search.
+
+    Attributes
+    ----------
+    exchange : pcontact.runtime.parallel.NodeExchange
+        Brings the displacement of all nodes of the pair.
+    source : pcontact.contact.points.SourcePoints
+        With numbers into these nodes, as the partners.
+    partner : pcontact.contact.points.PartnerPoints
+    paired : ndarray (np,) of bool
+    ids : ndarray (np,)
+        Target facets, for the pattern.
+    operator : pcontact.contact.points.TractionOperator or None
+        Derivative of the traction; None at finite motion, where it is not the same at all displacements.
+    acts : ndarray (np,) of bool
+        Points that add to residual and tangent. Without a partner there is no pressure, and only the adjoint term of
+        theta = 1, -1 asks for the traction.
+    every : ndarray (np,) of bool
+        All of them.
+    """
+
+    exchange: object
+    source: SourcePoints
+    partner: PartnerPoints
+    paired: np.ndarray
+    ids: np.ndarray
+    operator: TractionOperator | None
+    acts: np.ndarray
+    every: np.ndarray
+
+    @property
+    def cells(self):
+        """Nodes (nf, nn) of the parent cells."""
+        return self.source.cells
+
+    @property
+    def targets(self):
+        """Nodes (np, m) of the partners' facets."""
+        return self.partner.nodes[:, : self.partner.shape.shape[1]]
+
+    @property
+    def target_shape(self):
+        """Shape functions (np, m) there."""
+        return self.partner.shape
+
+    @property
+    def normal(self):
+        """Contact normals (np, d)."""
+        return self.partner.normal
+
+    @property
+    def gap0(self):
+        """Gap (np,) at zero displacement [length]."""
+        return self.partner.gap0
+
+    def touched(self, space, points):
+        """Owned nodes (n,), global numbers, of the cells and target facets of some points (np,). *Collective.*"""
+        local = np.zeros((len(self.exchange.nodes), space.dim))
+        local[self.cells[self.source.facet[points]].ravel(), 0] = 1.0
+        local[self.targets[points].ravel(), 0] = 1.0
+        return space.start + np.flatnonzero(space.summed(self.exchange, local)[:, 0] > 0.5)
+
+    def lengths(self, values):
+        """What gaps are differences of [length]: magnitudes at the nodes (n, d), and of the points (np,) besides."""
+        return np.abs(values), np.abs(self.gap0)
+
+    def carry(self, places):
+        """Take the places (np, d) of the points from which the load step begins, moved by an obstacle [length]."""
+
+
+class PairPattern:
+    """Pattern of the tangent of a pair.
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+
+    Attributes
+    ----------
+    coupled : ndarray (np,) of bool
+        Points that have a partner which they may close with, and a place in the pattern for both.
+    version : int
+        Grows when the pattern changes.
+    """
+
+    def __init__(self, space, n):
+        self._space, self.coupled, self.version = space, np.zeros(n, dtype=bool), 0
+
+    def renew(self, pairing, coupled, cells):
+        """Take the pattern of points (np,) that are coupled to their partners and, with `cells`, of all source cells.
+        *Collective.*"""
+        p, facet, self.coupled = pairing, pairing.source.facet, coupled
+        chosen = np.flatnonzero(coupled)
+        # one of the points of a source facet that have a target facet, and all of its cell, in common
+        wide = 0 if p.operator is None else p.operator.width[chosen] > p.cells.shape[1]
+        key = 2 * (facet[chosen] * (np.max(p.ids, initial=0) + 1) + p.ids[chosen]) + wide
+        _, first = np.unique(key, return_index=True)
+        tables = [np.concatenate([p.cells[facet[chosen[first]]], p.partner.nodes[chosen[first]]], axis=1)]
+        if cells:
+            tables.append(p.cells)
+        self._rows = node_graph(tables, len(p.exchange.nodes))
+        space = self._space
+        self.owned = OwnedRows(space.numbering, space.exchanger, p.exchange.nodes, *self._rows)
+        self.version += 1
+
+    def blocks(self):
+        """Blocks of zeros, :class:`pcontact.assembly.graph.BlockRows`."""
+        d = self._space.dim
+        return BlockRows(*self._rows, np.zeros((len(self._rows[1]), d, d)))
 
 
 class ContactPair(Item):
@@ -54,98 +188,53 @@ class ContactPair(Item):
         With its numerics resolved.
     source : pcontact.contact.surface.sides.SourceSurface
         As the formulation needs it, with the weight of the pair in its quadrature weights.
-    search : TargetSearch or ObstacleSearch
+    search : pcontact.contact.detection.Detection
     terms : SmallTerms
         Tractions, formulation and law at the points.
-    radius : float
-        Search radius [length].
-    floats : bool
-        Whether a body of the pair is not held by supports.
+    setting : Setting
 
     Attributes
     ----------
     method : pcontact.contact.formulation.methods.Method
     law : pcontact.contact.law.Frictionless
-    pairing : pcontact.contact.pairing.Pairing or None
+    history : pcontact.contact.history.PointHistory
+    pairing : Pairing or None
         Of the last search.
-    coupled : ndarray (np,) of bool
-        Points that have a partner which they may close with, and a place in the pattern for both.
-    committed, status : ndarray (np,)
-        Status of the points at the end of the last load step, see `pcontact.contact.law`, and in the last tangent of
-        this one, None before there is any.
+    rows : PairPattern
+    status : ndarray (np,)
+        Status of the points in the last tangent of this load step, see `pcontact.contact.law`, None before there is
+        any.
     lost : (int, int)
         Points of this rank that the frozen partners have misled: that passed into their partner without a word, and
         that have left it, see :func:`pcontact.contact.motion.lost`.
-    chords : pcontact.contact.surface.smooth_geometry.Chords or None
-        What straight facets do to the gap; None where they do nothing, or nobody asks.
-    origin : ndarray (d,)
-        To which places of points are relative, so that they lose no digits [length].
-    rounding : float
-        Rounding errors that a gap may carry [length].
     closing : float
         Largest gap at points of this rank that is closed, whatever the load, in the first load step [length].
-    stiffer : float
-        How many times as stiff as the target the source is, where that is too much; else 0.
-    path : pcontact.contact.path.SlipPath or None
-        Slip and wear so far, where they are asked for and points can slip.
-    offset : ndarray (np,) or None
-        What is added to gaps for those that the undeformed bodies are given, see `pcontact.contact.initial` [length].
     """
 
-    def __init__(self, space, contact, source, search, terms, radius, floats=False):
+    def __init__(self, space, contact, source, search, terms, setting):
         self.space, self.contact, self.name = space, contact, contact.name
-        self.source, self.search, self.terms, self.radius, self.floats = source, search, terms, radius, floats
-        self.method, self.law = terms.method, terms.law
-        self.rigid, self.changes, self.can_slip = search.rigid, not self.law.tied, self.law.can_slip
-        self.bilateral = contact.bilateral or self.law.tied or self.law.held
-        self.time, self.version, self.flips, self.status = 0.0, 0, [], None
-        self.lost, self._begun, self.offset, self.chords, self.pairing = (0, 0), False, None, None, None
-        self.active = PairActiveSet(self)
+        self.source, self.search, self.terms, self.method, self.law = source, search, terms, terms.method, terms.law
+        law, method, self.radius, self.floats = self.law, self.method, search.radius, setting.floats
+        self.rigid, self.changes, self.can_slip = search.among.rigid, not law.tied, law.can_slip
+        self.bilateral, self.stiff = contact.bilateral or law.tied or law.held, method.stiff
+        self.symmetric = (method.theta == 1.0 or not method.has_traction) and law.symmetric and terms.traction.symmetric
+        self.history = PointHistory(source, law, terms, setting.wears)
+        self.flips, self.status, self.lost, self.pairing = [], None, (0, 0), None
+        self.rows, self.active = PairPattern(space, len(source.facet)), PairActiveSet(self)
         # partners before those of the last search within a load step
-        self.verifies, self.stale, self._former, self._turns = not self.law.tied, 0.0, None, None
-        self._initial, self.closing, self.stiffer, self.path = initial_gap(contact), 0.0, 0.0, None
-        self._normals, self.coupled = source.normal, np.zeros(len(source.facet), dtype=bool)
-        self.committed = np.full(len(source.facet), OPEN, dtype=np.int64)
-        low, high = bounding_box(space.comm, space.points)
-        # of few digits, so that subtracting it rounds nothing
-        self.origin = (0.5 * (low + high)).astype(np.float32).astype(float)
-        self.rounding = np.finfo(float).eps * (4.0 * np.max(np.abs([low, high])) + 64.0 * np.max(high - low))
+        self.verifies, self.stale, self._former, self._turns, self.closing = not law.tied, 0.0, None, None, 0.0
+        # with the moduli of its traction
+        self._stressed = source
 
     @property
-    def target(self):
-        """Target surface or obstacle."""
-        return self.search.target
-
-    @property
-    def gamma(self):
-        """Parameter of the points (np,), as it acts [stress/length]."""
-        return self.method.gamma
-
-    @property
-    def stiff(self):
-        """Whether multigrid alone fares badly, see `pcontact.contact.formulation.methods.Method.stiff`."""
-        return self.method.stiff
-
-    @property
-    def symmetric(self):
-        """Whether the tangent is symmetric."""
-        own = self.method.theta == 1.0 or not self.method.has_traction
-        return own and self.law.symmetric and self.terms.traction.symmetric
+    def version(self):
+        """Grows when the pattern changes."""
+        return self.rows.version
 
     @property
     def too_deep(self):
         """Points of this rank deeper in the obstacle than the search radius: they have no partner."""
-        return self.search.too_deep
-
-    @property
-    def candidates(self):
-        """Facets that the searches of this rank tried."""
-        return self.search.candidates
-
-    @property
-    def closed(self):
-        """Points (np,) that were closed at the end of the last load step."""
-        return self.committed > OPEN
+        return self.search.among.too_deep
 
     # -- search -------------------------------------------------------------------------------------------------
 
@@ -158,115 +247,50 @@ class ContactPair(Item):
         if self.law.tied and self.pairing is not None:
             self._start_step(u, time)
             return
-        space, expected = self.space, u if ahead is None else ahead
+        expected = u if ahead is None else ahead
         if self.law.tied:
-            expected = space.vector()
-        if self._initial is not None and not self._initial.known:
-            self._measure(u)
-        self._take(self._partners_at(expected, time), expected, u, time, motion)
-
-    def _partners_at(self, u, time):
-        """Partners among the bodies at ``u``. *Collective.*"""
-        nodal = self.space.local.gather(u)
-        return self._find(nodal, self.deformed(nodal), time)
-
-    def _measure(self, u):
-        """Take the gap between the undeformed bodies, from which the first load step begins at ``u``, with an obstacle
-        where it is before it moves. *Collective.*"""
-        found = self._partners_at(u, self.time)
-        self._initial.take(self._clean(found), found.paired)
-
-    def _clean(self, found):
-        """Gap (np,) [length] that a search has found: surfaces that touch are closed in the first tangent, whatever the
-        rounding of their coordinates says."""
-        return np.where(found.paired & (np.abs(found.gap) > self.rounding), found.gap, 0.0)
-
-    def _offset(self, time):
-        """What is added to gaps (np,) that a search has found for those that the undeformed bodies are given, or 0
-        [length]."""
-        if self._initial is None:
-            return 0.0
-        self.offset = self._initial.offset(time)
-        return self.offset
-
-    def _take(self, found, expected, u, time, motion=0.0):
-        """Take the partners that were found at displacements that are expected, in a load step that begins at ``u``.
-        *Collective.*
-        """
-        source, paired, gap = self.source, found.paired, self._clean(found) + self._offset(time)
-        normal = np.ascontiguousarray(np.where(paired[:, None], found.normal, self._normals))
-        # obstacles have moved on already, and displacements that are expected are not those of a solution
-        compares = self._begun and expected is u and not self.rigid
-        self.lost = self._count_lost(gap, paired) if compares else (0, 0)
-        at_once = paired & (self.contact.bilateral and not self._begun)
-        self.closing = float(np.max(gap[at_once], initial=0.0))
-        self._freeze(expected, gap, normal, found)
-        size = source.size[source.facet]
-        # half of the motion closes points (see APPROACH in `pcontact.solve.newton`) before contact pushes them back
-        near = gap - self.method.begins <= 0.5 * size + np.minimum(0.55 * motion, FORESEEN * size)
-        self.coupled = self._couples(near)
-        self._new_pattern()
-        self._start_step(u, time)
+            expected = self.space.vector()
+        self.search.measure(u, self.history.time)
+        self._take(self.search.find(expected, time), expected, u, time, motion)
         if self.law.tied:
             # bodies that are tied do not lose each other
             self.radius = np.inf
 
+    def _take(self, found, expected, u, time, moves=0.0):
+        """Take the partners that were found at displacements that are expected, in a load step that begins at ``u``.
+        *Collective.*
+        """
+        source, paired, gap, begun = self.source, found.paired, found.gap, self.history.begun
+        normal = np.ascontiguousarray(np.where(paired[:, None], found.normal, self.search.normals))
+        size = source.size[source.facet]
+        # obstacles have moved on already, and displacements that are expected are not those of a solution
+        compares = begun and expected is u and not self.rigid
+        clear = gap - self.method.begins
+        self.lost = motion.lost(clear, paired, self.history.closed, size) if compares else (0, 0)
+        self.closing = float(np.max(gap[paired & (self.contact.bilateral and not begun)], initial=0.0))
+        found = self.terms.weigh(found, self.space.local.gather(expected))
+        if not self.rigid or self.pairing is None:
+            self._plan(found.nodes, paired)
+        self.pairing = self._paired(normal, found)
+        self._take_gap(self.pairing.exchange.gather(expected), gap)
+        # half of the motion closes points (see APPROACH in `pcontact.solve.newton`) before contact pushes them back
+        near = clear <= 0.5 * size + np.minimum(0.55 * moves, FORESEEN * size)
+        self.rows.renew(self.pairing, self._couples(near), self.method.theta != 0.0)
+        self._start_step(u, time)
+
     def _start_step(self, u, time):
         self.flips, self.status, self._former, self._turns = [], None, None, None
-        p, search, moved = self.pairing, self.search, 0.0
+        p, among, moved, since = self.pairing, self.search.among, 0.0, self.history.time
         values = p.exchange.gather(u)
         if self.rigid:
-            moved = search.moved(self._places_at(p, values), self.time, time, self.origin)
-            self._carry(p, values, moved)
+            x = np.einsum("pa,pad->pd", self.source.shape, values[p.cells[self.source.facet]])
+            x += self.source.x - self.search.origin
+            moved = among.moved(x, since, time, self.search.origin)
+            p.carry(x + moved)
         if self.law.varies:
             # an expression of the user's may fail on some ranks only
             together(self.space.comm, self.law.begin, self.source.x, time)
-        self.terms.begin(p, values, moved, lambda vectors: search.turned(vectors, self.time, time))
-
-    def _places_at(self, p, values):
-        """Places (np, d) of the source points at nodal values (n, d), relative to the origin [length]."""
-        jump = np.einsum("pa,pad->pd", self.source.shape, values[p.cells[self.source.facet]])
-        return (self.source.x - self.origin) + jump
-
-    def _carry(self, p, values, moved):
-        """An obstacle moves points (np, d), (d,) or not at all [length]."""
-
-    def deformed(self, nodal):
-        """Points of the source (np, d) under displacements (n_local, d), relative to the origin: no digits are lost."""
-        space = self.space
-        # the geometry is of the degree of the displacement at most, which interpolates it
-        if space.mesh.curved and space.degree == 1:
-            return (self.source.x - self.origin) + self.at_points(nodal)
-        return self.at_points(space.points - self.origin + nodal)
-
-    def at_points(self, nodal):
-        """Values (np, d) at the points of the source of a field of the nodes (n_local, d)."""
-        source = self.source
-        values = np.empty_like(source.x)
-        interpolate(nodal, source.cells, source.facet, source.shape, values)
-        return values
-
-    def _find(self, nodal, x, time):
-        """Partners, with the gap between the surfaces that the facets stand for, if they are to be told apart.
-        *Collective.*
-        """
-        self._turn(nodal)
-        found = self.search.find(nodal, x, self._normals, time, self.radius, self.origin)
-        if self.chords is None:
-            return found
-        return found._replace(gap=self.chords(found.gap, found.normal, found.paired, found.offset))
-
-    def _turn(self, nodal):
-        """Outward normals of the source by which partners are looked for: those of the undeformed one."""
-
-    def _freeze(self, u, gap, normal, found):
-        """Partners that stay until the next search, with the gap that it found at displacements. *Collective.*"""
-        found = self.terms.weigh(found, self.space.local.gather(u))
-        if not self.rigid or self.pairing is None:
-            self._plan(found.nodes, found.paired)
-        self.pairing = self._paired(normal, found)
-        if not self.law.tied:
-            self._take_gap(self.pairing.exchange.gather(u), gap)
+        self.terms.begin(p, values, moved, lambda vectors: among.turned(vectors, since, time))
 
     def _paired(self, normal, found):
         """Points and partners, whose nodes have their numbers in the exchange: a :class:`Pairing`."""
@@ -284,17 +308,15 @@ class ContactPair(Item):
         operator = self.terms.operator(normal, self.pairing)
         return Pairing(exchange, points, partner, paired, found.ids, operator, acts, every)
 
-    @property
-    def _stressed(self):
-        """The source with the moduli of its traction."""
-        return self.source
-
     def _take_gap(self, values, gap):
-        """The gap is linear from here on and takes the value found where partners were looked for."""
-        self.pairing.gap0[:] = gap - self.terms.gap(self.pairing, values)
+        """The gap is linear from here on and takes the value found where partners were looked for; that of tied points
+        is none. *Collective.*"""
+        if not self.law.tied:
+            self.pairing.gap0[:] = gap - self.terms.gap(self.pairing, values)
 
     def _plan(self, nodes, paired):
-        """Who brings the displacement of the source's cells and of the partners (np, m): against obstacles, once."""
+        """Who brings the displacement of the source's cells and of the partners (np, m): against obstacles, once.
+        *Collective.*"""
         space, source_nodes = self.space, self.space.nodes[self.source.cells]
         unique = np.unique(np.concatenate([source_nodes.ravel(), nodes[paired].ravel(), self.terms.traction.nodes]))
         cells = np.ascontiguousarray(np.searchsorted(unique, source_nodes).astype(np.int64))
@@ -309,76 +331,37 @@ class ContactPair(Item):
         """See :meth:`pcontact.assembly.item.Item.renew`. *Collective.*"""
         if not self.verifies:
             return False
-        found, keeps = self._partners_at(u, time), tolerance if firm else 0.0
-        offset = self._offset(time)
-        gap = self._clean(found) + offset
+        found, keeps = self.search.find(u, time), tolerance if firm else 0.0
         former = None if self._former is None else self._former.normal
-        self.stale, part, lost = motion.misled(self, u, found, gap, self.pairing.normal, time, keeps, former)
+        self.stale, part, lost = motion.misled(self, u, found, self.pairing.normal, time, keeps, former)
         if part <= tolerance and (firm or not lost):
             return False
-        self._take_again(found._replace(gap=self._damped(u, found, gap) - offset), u, before, time)
+        # a gap that lies beyond the one before by turns goes less of the way
+        p = self.pairing
+        linear = self.terms.gap(p, p.exchange.gather(u))
+        way = np.where(p.paired & found.paired, found.gap - linear, 0.0)
+        self._turns = motion.damped(way, self._turns)
+        self.take_again(found._replace(gap=found.gap - (1.0 - self._turns[1]) * way), u, before, time)
         return True
 
-    def _damped(self, u, found, gap):
-        """Gap (np,) that a point takes whose gap, found again, lies beyond the one before by turns: less of the way.
-
-        A partner that stays takes along a gap whose derivative is that along the normal. Where the normal is not that
-        of the partner's facet the true one is larger, by a ray at 45 degrees twice as large, and the gap that is found
-        goes to and fro. Aitken's rule at each point.
-        """
-        p = self.pairing
-        linear, part = self.terms.normal_state(p, p.exchange.gather(u))[1], 1.0
-        way = np.where(p.paired & found.paired, gap - linear, 0.0)
-        if self._turns is not None:
-            before, part = self._turns
-            with np.errstate(divide="ignore", invalid="ignore"):
-                part = part * before / (before - way)
-            part = np.where((part > 0.0) & (part < 1.0), np.maximum(part, DAMPED), 1.0)
-        self._turns = way, part
-        return gap - (1.0 - part) * way
-
-    def _take_again(self, found, u, before, time):
+    def take_again(self, found, u, before, time):
         """Take partners that were found at ``u`` within the load step that begins at ``before``: it goes on with the
         same points; another half of the contact may have kept its partners. *Collective.*"""
         kept, former = (self.flips, self.status, self.closing, self._turns), self.pairing
         self._take(found, u, before, time)
         (self.flips, self.status, self.closing, self._turns), self._former = kept, former
 
-    def _count_lost(self, gap, paired):
-        size = self.source.size[self.source.facet]
-        return motion.lost(gap - self.method.begins, paired, self.closed, size)
-
-    # -- pattern ------------------------------------------------------------------------------------------------
-
-    def _new_pattern(self):
-        """Pattern of the points that are coupled to their partners (and, for theta != 0, of all source cells)."""
-        p, source = self.pairing, self.source
-        chosen = np.flatnonzero(self.coupled)
-        # one of the points of a source facet that have a target facet, and all of its cell, in common
-        wide = 0 if p.operator is None else p.operator.width[chosen] > p.cells.shape[1]
-        key = 2 * (source.facet[chosen] * (np.max(p.ids, initial=0) + 1) + p.ids[chosen]) + wide
-        _, first = np.unique(key, return_index=True)
-        facets = source.facet[chosen[first]]
-        tables = [np.concatenate([p.cells[facets], p.partner.nodes[chosen[first]]], axis=1)]
-        if self.method.theta != 0.0:
-            tables.append(p.cells)
-        n = len(p.exchange.nodes)
-        self._rowptr, self._columns = node_graph(tables, n)
-        space = self.space
-        self._owned = OwnedRows(space.numbering, space.exchanger, p.exchange.nodes, self._rowptr, self._columns)
-        self.version += 1
+    # -- residual and tangent -------------------------------------------------------------------------------------
 
     def pattern(self):
         """Owned block rows: rowptr (n_owned + 1,), columns (nnz,)."""
-        return self._owned.rowptr, self._owned.columns
+        return self.rows.owned.rowptr, self.rows.owned.columns
 
-    # -- residual and tangent -------------------------------------------------------------------------------------
-
-    def _view(self, rule=LAW):
-        """The points under a status rule."""
+    def view(self, rule=LAW):
+        """The points under a status rule, a :class:`pcontact.contact.law.View`."""
         paired, tied = self.pairing.paired, self.law.tied
         if self.law.held or (rule.frozen and not tied):
-            return View(paired & self.closed, True, not self.law.held)
+            return View(paired & self.history.closed, True, not self.law.held)
         if rule.closed is not None:
             return View(paired & rule.closed, True, rule.stick and self.can_slip)
         if rule.opened is not None:
@@ -390,17 +373,17 @@ class ContactPair(Item):
         p = self.pairing
         values = p.exchange.gather(u)
         local = np.zeros_like(values)
-        self.terms.add_residual(p, values, self._view(rule), local)
+        self.terms.add_residual(p, values, self.view(rule), local)
         out += self.space.summed(p.exchange, local)
 
     def add_magnitude(self, u, out):
         """Add the sum of the absolute terms of :meth:`residual` to ``out`` (n_owned, d). *Collective.*"""
         p, source = self.pairing, self.source
         values = p.exchange.gather(u)
-        _, status = self.terms.forces(p, values, self._view())
+        _, status = self.terms.forces(p, values, self.view())
         # open points bear nothing, however far they are
         some = np.flatnonzero(status > OPEN)
-        size, initial = self._lengths(p, values)
+        size, initial = p.lengths(values)
         facet, targets = source.facet[some], p.targets[some]
         own, other = np.abs(source.shape[some]), np.abs(p.target_shape[some])
         size = np.einsum("pa,pad->p", own, size[p.cells[facet]]) + np.einsum("pm,pmd->p", other, size[targets])
@@ -411,37 +394,30 @@ class ContactPair(Item):
         add_at_nodes(other, targets, np.arange(len(some)), size, local)
         out += self.space.summed(p.exchange, local)
 
-    def _lengths(self, p, values):
-        """What gaps are differences of [length]: magnitudes at the nodes (n, d), and of the points (np,) besides."""
-        return np.abs(values), np.abs(p.gap0)
-
     def tangent(self, u, rule=LAW):
         """Values (nnz, d, d) on :meth:`pattern`, which grows when a point closes that was thought far. *Collective.*"""
-        p, view = self.pairing, self._view(rule)
+        p, view, rows = self.pairing, self.view(rule), self.rows
         values = p.exchange.gather(u)
         slopes, status = self.terms.slopes(p, values, view)
-        new = self._couples(status > OPEN) & ~self.coupled
+        new = self._couples(status > OPEN) & ~rows.coupled
         if self.space.comm.allreduce(bool(new.any()), op=MPI.LOR):
-            self.coupled |= new
-            self._new_pattern()
+            rows.renew(p, rows.coupled | new, self.method.theta != 0.0)
         if self.status is not None:
             self.flips.append(int(np.sum(status != self.status)))
-        self.status = status
-        d = self.space.dim
-        local = np.zeros((len(self._columns), d, d))
-        missing = self.terms.add_tangent(p, values, view, slopes, BlockRows(self._rowptr, self._columns, local))
+        self.status, blocks = status, rows.blocks()
+        missing = self.terms.add_tangent(p, values, view, slopes, blocks)
         if missing:
             raise RuntimeError(f"contact {self.name}: {missing} entries of the tangent outside the pattern")
-        return self._owned.sum(local)
+        return rows.owned.sum(blocks.values)
 
     def forces(self, u):
         """Tractions (np, d) that act on the source by the law [stress], and status (np,). *Collective.*"""
-        return self.terms.forces(self.pairing, self.pairing.exchange.gather(u), self._view())
+        return self.terms.forces(self.pairing, self.pairing.exchange.gather(u), self.view())
 
     def derivative(self, u, rule=LAW):
         """Derivative (np, d, d) of the tractions of :meth:`forces` in the augmented ones. *Collective.*"""
         p = self.pairing
-        return self.terms.derivative(p, p.exchange.gather(u), self._view(rule))
+        return self.terms.derivative(p, p.exchange.gather(u), self.view(rule))
 
     def target_shape(self, u):
         """Shape functions (np, m) of the partners' facets where the partners are at ``u``. *Collective.*"""
@@ -450,20 +426,11 @@ class ContactPair(Item):
     def commit(self, u, time):
         """End the load step. *Collective.*"""
         values = self.pairing.exchange.gather(u)
-        if self.path is not None:
-            self.path.add(self.state(u))
-        self._commit(values, time)
+        if self.history.path is not None:
+            self.history.path.add(self.state(u))
+        self.history.commit(self.pairing, values, self.view(), time)
         if self.rigid:
             self.lost = motion.lost_by_obstacle(self, u, values)
-
-    def _commit(self, values, time):
-        """Take status, speed of slip and what the terms remember to the end of the load step. *Collective.*"""
-        duration, self.time, self._begun = time - self.time, time, True
-        if self.law.slows:
-            slip = self.terms.slip(self.pairing, values)
-        self.committed = self.terms.commit(self.pairing, values, self._view())
-        if self.law.slows:
-            self.law.slid(slip, self.committed, duration)
 
     # -- how the points stand -------------------------------------------------------------------------------------
 
@@ -472,50 +439,15 @@ class ContactPair(Item):
         *Collective.*
         """
         traction, gap = self.terms.normal_state(self.pairing, self.pairing.exchange.gather(u), wanted)
-        return traction + self.gamma * gap
+        return traction + self.method.gamma * gap
 
     def angle(self, start, end):
         """See :meth:`pcontact.assembly.item.Item.angle`."""
-        return abs(self.target.angle(start, end)) if self.rigid else 0.0
+        return abs(self.search.target.angle(start, end)) if self.rigid else 0.0
 
     def normal_motion(self, u, before):
         """See :func:`pcontact.contact.motion.normal_motion`. *Collective.*"""
         return 0.0 if self.law.tied else motion.normal_motion(self, u, before)
-
-    # -- what remains of a load step ------------------------------------------------------------------------------
-
-    def memory(self):
-        """Status of the closed points, and what the terms remember."""
-        keys, rows = self.source.point_keys(), np.flatnonzero(self.closed)
-        status = {} if self.law.tied else {"status": (keys[rows], self.committed[rows, None].astype(float))}
-        if self.law.slows and self.law.speed is not None:
-            fast = np.flatnonzero(self.law.speed)
-            status["speed"] = keys[fast], self.law.speed[fast, None]
-        path = {} if self.path is None else self.path.memory(keys)
-        return {**status, **path, **self.terms.memory(keys)}
-
-    def memory_keys(self):
-        """Keys (n,) of all rows that :meth:`memory` may have."""
-        return self.source.point_keys()
-
-    def recall(self, name, chunks):
-        """See :meth:`pcontact.assembly.item.Item.recall`."""
-        keys = self.source.point_keys()
-        if name == "speed" and self.law.slows:
-            speed = np.zeros((len(keys), 1))
-            count = take_rows(keys, chunks, speed)
-            self.law.speed = speed[:, 0]
-            return count
-        if name == PATH:
-            return None if self.path is None else self.path.recall(keys, chunks)
-        if name != "status" or self.law.tied:
-            return self.terms.recall(name, keys, chunks)
-        status = np.zeros((len(self.committed), 1))
-        count = take_rows(keys, chunks, status)
-        self.committed = status[:, 0].astype(np.int64)
-        return count
-
-    # -- report -------------------------------------------------------------------------------------------------
 
     def state(self, u):
         """Contact at the quadrature points of this rank. *Collective.*
@@ -530,10 +462,10 @@ class ContactPair(Item):
             the load step [length], and ``own_traction`` (np, d), that of the stress, of the source or weighted of both
             sides.
         """
-        p, source, view = self.pairing, self.source, self._view()
+        p, source, view = self.pairing, self.source, self.view()
         values = p.exchange.gather(u)
         traction, gap = self.terms.normal_state(p, values)
-        tau = traction + self.gamma * gap
+        tau = traction + self.method.gamma * gap
         closed = self.law.closed(view, tau)
         pressure = np.where(closed, -tau, 0.0)
         state = {
@@ -550,13 +482,6 @@ class ContactPair(Item):
         state.update(self.terms.state(p, values, view))
         state["status"] = np.where(closed, state["status"], OPEN)
         return state
-
-    def moment(self, u, state):
-        """Moment of contact on an obstacle about the point that it turns about, of the points of this rank: a number in
-        the plane, (3,) in space [force * length]. *Collective.*
-        """
-        arms = self.deformed(self.space.local.gather(u)) + (self.origin - self.target.pivot(self.time))
-        return moments(arms, -state["traction"] * state["weight"][:, None])
 
 
 def method_of(space, contact, source):
@@ -579,7 +504,7 @@ def partner_search(space, contact, target, law):
     return TargetSearch(space, target, contact.search, contact.bilateral or law.tied)
 
 
-def contact_pair(space, contact, source, target, radius, floats=False, bulk=None, law=None):
+def contact_pair(space, contact, source, target, radius, setting=NOTHING_MORE, bulk=None, law=None):
     """The pair of a contact in its formulation. *Collective.*
 
     Parameters
@@ -591,8 +516,7 @@ def contact_pair(space, contact, source, target, radius, floats=False, bulk=None
     target : pcontact.contact.surface.sides.TargetSurface or pcontact.contact.surface.obstacle.RigidObstacle
     radius : float
         Search radius [length].
-    floats : bool
-        Whether a body of the pair is not held by supports.
+    setting : Setting, optional
     bulk : pcontact.assembly.bulk.Bulk, optional
         Has the materials of both sides; isotropic elasticity of the source alone without.
     law : pcontact.contact.law.Frictionless, optional
@@ -609,4 +533,5 @@ def contact_pair(space, contact, source, target, radius, floats=False, bulk=None
     traction = Traction(source) if alone else source_traction(space, bulk, contact, source, method.theta)
     kind = SmallTerms if contact.pressure_overclosure is None else LayerTerms
     terms = kind(space, source, method, traction, law)
-    return ContactPair(space, contact, source, partner_search(space, contact, target, law), terms, radius, floats)
+    search = Detection(space, contact, source, partner_search(space, contact, target, law), radius, setting.chords)
+    return ContactPair(space, contact, source, search, terms, setting)

@@ -11,6 +11,7 @@ from pcontact.contact.summary import resultants, summarise
 from pcontact.contact.surface.smooth_geometry import facet_error
 from pcontact.contact.unbiased import WEIGHT, is_unbiased
 from pcontact.runtime.petsc import MPI
+from pcontact.space.turn import moments
 
 # what the halves are called in a checkpoint
 SIDES = ("source", "target")
@@ -65,6 +66,8 @@ class ContactReport:
         As the scene has it, with its numerics resolved.
     pairs : list of pcontact.contact.pair.ContactPair
         One; or the halves of unbiased contact, or the one half of self contact.
+    stiffer : float
+        How many times as stiff as the target the source is, where that is too much; else 0.
 
     Attributes
     ----------
@@ -78,12 +81,12 @@ class ContactReport:
         Largest one that it has found at a closed point, in sizes of its facet; 0 where the law says how deep points go.
     """
 
-    def __init__(self, contact, pairs):
+    def __init__(self, contact, pairs, stiffer=0.0):
         self.contact, self.pairs, self.name, self.space = contact, pairs, contact.name, pairs[0].space
         self.weight = WEIGHT if is_unbiased(contact) else 1.0
         self.groups = tuple(pair.contact.source for pair in pairs)
         self.rigid, self.law, self.method = pairs[0].rigid, pairs[0].law, pairs[0].method
-        self.sinks, self.overlap = False, 0.0
+        self.sinks, self.overlap, self.stiffer = False, 0.0, stiffer
 
     @cached_property
     def _node_depths(self):
@@ -97,12 +100,22 @@ class ContactReport:
     @property
     def gamma(self):
         """Parameter (np,) of the points of all sources, as it acts [stress/length]."""
-        return np.concatenate([pair.gamma for pair in self.pairs])
+        return np.concatenate([pair.method.gamma for pair in self.pairs])
 
     @property
     def flips(self):
         """Points of this rank whose status changed in each Newton iteration."""
         return [sum(counts) for counts in zip(*(pair.flips for pair in self.pairs), strict=True)]
+
+    @property
+    def closing(self):
+        """Largest gap that is closed at once, whatever the load, in the first load step [length]. *Collective.*"""
+        return self.space.comm.allreduce(max(pair.closing for pair in self.pairs), op=MPI.MAX)
+
+    @property
+    def closed(self):
+        """Points of this rank (np,) that were closed at the end of the last load step."""
+        return np.concatenate([pair.history.closed for pair in self.pairs])
 
     @property
     def lost(self):
@@ -113,7 +126,7 @@ class ContactReport:
     @property
     def candidates(self):
         """Facets that the searches of this rank tried."""
-        return sum(pair.candidates for pair in self.pairs)
+        return sum(pair.search.among.candidates for pair in self.pairs)
 
     def counters(self):
         """Points of this rank, and those with a partner times the unknowns that each of them couples."""
@@ -134,20 +147,21 @@ class ContactReport:
     def memory(self):
         """See :meth:`pcontact.assembly.item.Item.memory`: of halves, under names that begin with their side."""
         return {
-            prefix + name: table for prefix, pair in self._sides().items() for name, table in pair.memory().items()
+            prefix + name: table for prefix, pair in self._sides().items()
+            for name, table in pair.history.memory().items()
         }
 
     def memory_keys(self):
         """See :meth:`pcontact.assembly.item.Item.memory_keys`."""
         if self.weight == 1.0:
-            return self.pairs[0].memory_keys()
-        return np.concatenate([pair.memory_keys() * len(SIDES) + side for side, pair in enumerate(self.pairs)])
+            return self.pairs[0].history.memory_keys()
+        return np.concatenate([pair.history.memory_keys() * len(SIDES) + side for side, pair in enumerate(self.pairs)])
 
     def recall(self, name, chunks):
         """See :meth:`pcontact.assembly.item.Item.recall`."""
         for prefix, pair in self._sides().items():
             if name.startswith(prefix):
-                return pair.recall(name[len(prefix) :], chunks)
+                return pair.history.recall(name[len(prefix) :], chunks)
         return None
 
     # -- at the end of a load step --------------------------------------------------------------------------------
@@ -169,14 +183,14 @@ class ContactReport:
         return {**state, "weight": state["weight"] / self.weight}
 
     def paths(self):
-        """Slip and wear at the points of all sources, see :meth:`pcontact.contact.path.SlipPath.fields`; empty where
+        """Slip and wear at the points of all sources, see :meth:`pcontact.contact.history.SlipPath.fields`; empty where
         they are not asked for."""
-        return _joined([pair.path.fields() for pair in self.pairs]) if self.pairs[0].path else {}
+        return _joined([pair.history.path.fields() for pair in self.pairs]) if self.pairs[0].history.path else {}
 
     def displacement(self, u):
         """Of the points of all sources (np, d) [length]. *Collective.*"""
         nodal = self.space.local.gather(u)
-        return np.concatenate([pair.at_points(nodal) for pair in self.pairs])
+        return np.concatenate([pair.search.interpolated(nodal) for pair in self.pairs])
 
     def summary(self, u):
         """Numbers of the contact for the report, the same on every rank. *Collective.*
@@ -207,7 +221,8 @@ class ContactReport:
         summary["facets"] = -(-comm.allreduce(own) // len(states))
         if not alone:
             summary |= self._resultants(u, joined)
-        for one in (pair.path.summary(pair.source.jxw / self.weight, comm) for pair in self.pairs if pair.path):
+        for pair in (pair for pair in self.pairs if pair.history.path):
+            one = pair.history.path.summary(pair.source.jxw / self.weight, comm)
             summary |= {key: max(value, summary.get(key, 0.0)) for key, value in one.items()}
         if self._node_depths is not None:
             depths = self._node_depths.of_source(u), self._node_depths.of_target(u)
@@ -216,9 +231,8 @@ class ContactReport:
             depth, where = max(depths, key=lambda entry: entry[0])
             if depth > summary["max_penetration"]:
                 summary |= {"max_penetration": depth, "deepest": where.tolist()}
-        if self.rigid and self.pairs[0].target.has_moment:
-            moment = self.pairs[0].moment(u, states[0])
-            summary["moment"] = self.space.comm.allreduce(moment, op=MPI.SUM).tolist()
+        if self.rigid and self.pairs[0].search.target.has_moment:
+            summary["moment"] = self._moment(u, states[0]).tolist()
         return {**summary, "bodies": self._on_bodies(u)} if self._between_all() else summary
 
     def _resultants(self, u, joined):
@@ -227,11 +241,20 @@ class ContactReport:
         With axial symmetry there is no moment: what one side of the axis has, the other one takes away.
         """
         nodal = self.space.local.gather(u)
-        places = np.concatenate([pair.deformed(nodal) + pair.origin for pair in self.pairs])
+        places = np.concatenate([pair.search.deformed(nodal) + pair.search.origin for pair in self.pairs])
         result = resultants(joined, places, self.space.comm)
         if self.space.axisymmetric:
             del result["moment"]
         return result
+
+    def _moment(self, u, state):
+        """Moment of contact on the obstacle about the point that it turns about: a number in the plane, (3,) in space
+        [force * length]. *Collective.*"""
+        (pair,) = self.pairs
+        search, pivot = pair.search, pair.search.target.pivot(pair.history.time)
+        arms = search.deformed(self.space.local.gather(u)) + (search.origin - pivot)
+        moment = moments(arms, -state["traction"] * state["weight"][:, None])
+        return self.space.comm.allreduce(moment, op=MPI.SUM)
 
     def _between_all(self):
         return self.contact.all and not self.rigid

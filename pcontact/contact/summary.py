@@ -124,7 +124,7 @@ def borne(space, pairing, source, traction):
     Parameters
     ----------
     space : pcontact.space.space.Space
-    pairing : pcontact.contact.pairing.Pairing
+    pairing : pcontact.contact.pair.Pairing
     source : pcontact.contact.surface.sides.SourceSurface
     traction : ndarray (np,)
         Magnitude of a traction at the points [stress].

@@ -55,7 +55,7 @@ def rules(estimator, problem, u):
             if not space.comm.allreduce(bool(open_.any()), op=MPI.LOR):
                 continue
             averaged = estimator.averaged_stress(space.local.gather(u)) if averaged is None else averaged
-            tau = state["normal_stress"] + pair.gamma * state["gap"]
+            tau = state["normal_stress"] + pair.method.gamma * state["gap"]
             closes = open_ & closing(tau, _normal_traction(space, pair, state, averaged))
             if space.comm.allreduce(bool(closes.any()), op=MPI.LOR):
                 found[pair] = StatusRule(closed=closes | (state["status"] > OPEN))

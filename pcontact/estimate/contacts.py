@@ -65,7 +65,7 @@ class ContactResiduals:
         [[z]] along the slip, which nothing keeps small, meets the pressure of w.
         """
         for pair, state, rest in zip(contact.pairs, contact.states(z), contact.states(zero), strict=True):
-            normal, theta, gamma = state["normal"], pair.method.theta, pair.gamma
+            normal, theta, gamma = state["normal"], pair.method.theta, pair.method.gamma
             alpha = pair.method.alpha
             jump = np.where(state["paired"], rest["gap"] - state["gap"], 0.0)[:, None] * normal
             own = (state["normal_stress"] - rest["normal_stress"])[:, None] * normal

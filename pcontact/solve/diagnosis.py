@@ -3,7 +3,7 @@
 import numpy as np
 
 from pcontact.mesh.mesh import size_of
-from pcontact.runtime.petsc import MPI, PETSc
+from pcontact.runtime.petsc import PETSc
 from pcontact.solve.convergence import BALANCED
 from pcontact.solve.forces import ROUNDINGS
 from pcontact.solve.preconditioners.direct import FAILED
@@ -53,13 +53,13 @@ def diagnose(problem, u, reason, norm, loose=()):
             f"{acting:.2g}: its gamma0 is too large"
         ]
     for one in problem.contacts:
-        gap = problem.space.comm.allreduce(max(pair.closing for pair in one.pairs), op=MPI.MAX)
+        gap = one.closing
         if gap > CLOSED * size:
             found.append(
                 f"contact {one.name}: bilateral = true closes its gap of {gap:.3g} at once, however short the step is: "
                 "interference_amplitude does so over the time"
             )
-        ratio, source, target = max(pair.stiffer for pair in one.pairs), one.contact.source, one.contact.target
+        ratio, source, target = one.stiffer, one.contact.source, one.contact.target
         if ratio > 0.0 and one.law.can_slip:
             found.append(
                 f"contact {one.name}: friction, and a source that is {ratio:.0f} times as stiff as the target: "

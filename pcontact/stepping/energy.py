@@ -183,10 +183,10 @@ class EnergyBalance:
 
     def _with_obstacle(self, pair, start, values, begin, end):
         """How nodes (n_owned, d) would move with the obstacle of a pair [length]."""
-        space, obstacle = self._problem.space, pair.target
-        x = space.points[space.owned_local] - pair.origin
-        there = obstacle.moved(x + start, begin, end, pair.origin)
-        back = obstacle.moved(x + values, end, begin, pair.origin)
+        space, search = self._problem.space, pair.search
+        x = space.points[space.owned_local] - search.origin
+        there = search.target.moved(x + start, begin, end, search.origin)
+        back = search.target.moved(x + values, end, begin, search.origin)
         return np.broadcast_to(0.5 * (np.asarray(there) - np.asarray(back)), start.shape)
 
     def record(self, u):

@@ -121,7 +121,7 @@ def test_gap_that_closes_over_the_time(tmp_path):
             later = space.vector()
             upper = space.points[space.owned_local][:, 1] > 1.1
             later.setArray(np.where(upper[:, None], [0.0, -0.15], 0.0).ravel())
-            pair._take_again(pair._partners_at(later, 1e-6), later, u, 1e-6)
+            pair.take_again(pair.search.find(later, 1e-6), later, u, 1e-6)
             words = " ".join(diagnose(problem, u, "", 1.0))
             assert ("interference_amplitude" in words and "0.2" in words) == (amplitude is None)
             assert simulation.run(None, [forces])

@@ -216,7 +216,7 @@ def test_tangent(tmp_path, cell, theta, alpha):
     if theta == 1.0:
         np.testing.assert_allclose(k, k.T, atol=1e-13 * np.abs(k).max())
     item.commit(vector_of(space, u), 1.0)
-    assert np.all(item.committed == STICK) and item.memory() == {}
+    assert np.all(item.history.committed == STICK) and item.history.memory() == {}
     # a later search changes nothing
     version = item.version
     item.detect(vector_of(space, 0.5 * u), 2.0)

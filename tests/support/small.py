@@ -174,4 +174,4 @@ class Together:
 
     @property
     def closed(self):
-        return np.concatenate([pair.closed for pair in self.pairs])
+        return self.report.closed

@@ -140,7 +140,7 @@ def update_multipliers(parts, u, rtol):
     sums = np.zeros(4)
     for part, one, new in zip(parts, found, updates, strict=True):
         old = part.method.multiplier
-        rounding = (part.method.gamma * part.rounding * one.chosen)[:, None]
+        rounding = (part.method.gamma * part.search.rounding * one.chosen)[:, None]
         for k, size in enumerate((new - old, new, old, rounding)):
             sums[k] += np.einsum("p,pd,pd->", part.source.jxw, size, size)
     sums = first.space.comm.allreduce(sums, op=MPI.SUM)

@@ -26,7 +26,7 @@ class Acting(NamedTuple):
 
     Attributes
     ----------
-    pairing : pcontact.contact.pairing.Pairing
+    pairing : pcontact.contact.pair.Pairing
     source : pcontact.contact.surface.sides.SourceSurface
     values : ndarray (np, d)
     chosen : ndarray (np,) of bool

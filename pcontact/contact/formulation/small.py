@@ -89,7 +89,7 @@ class SmallTerms:
         ----------
         normal : ndarray (np, d)
             Contact normals.
-        last : pcontact.contact.pairing.Pairing or None
+        last : pcontact.contact.pair.Pairing or None
             Of the last search, whose operator is overwritten.
         """
         d = normal.shape[1]
@@ -102,7 +102,7 @@ class SmallTerms:
 
         Parameters
         ----------
-        p : pcontact.contact.pairing.Pairing
+        p : pcontact.contact.pair.Pairing
         values : ndarray (n, d)
         moved : ndarray (np, d) or (d,), or zero
             What an obstacle moves in it [length].

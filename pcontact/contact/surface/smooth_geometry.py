@@ -427,7 +427,7 @@ def _bent(x, weight, facet, value):
 
 def _measures(items):
     """Whether the items of a contact measure what their facets do."""
-    return all(item.chords is not None and not item.chords.applied for item in items)
+    return all(item.search.chords is not None and not item.search.chords.applied for item in items)
 
 
 def _wrong(items, weights):
@@ -438,8 +438,8 @@ def _wrong(items, weights):
     """
     sums = np.zeros(4)
     for item, weight in zip(items, weights, strict=True):
-        stiff = weight * item.gamma**2
-        error = item.chords.error
+        stiff = weight * item.method.gamma**2
+        error = item.search.chords.error
         sums += [stiff @ error**2, stiff @ error, stiff.sum(), weight.sum()]
     square, first, stiff, area = items[0].space.comm.allreduce(sums, op=MPI.SUM)
     return max(square - first**2 / stiff, 0.0) if stiff > 0.0 else 0.0, area
@@ -464,7 +464,7 @@ def facet_error(items, states):
     if not _measures(items):
         return {}
     closed = [np.where(state["status"] > OPEN, state["weight"], 0.0) for state in states]
-    conforming = [weight * item.chords.conforms for item, weight in zip(items, closed, strict=True)]
+    conforming = [weight * item.search.chords.conforms for item, weight in zip(items, closed, strict=True)]
     wrong, _ = _wrong(items, conforming)
     own = sum(np.array([w @ s["pressure"], w.sum()]) for w, s in zip(closed, states, strict=True))
     force, area = items[0].space.comm.allreduce(own, op=MPI.SUM)
@@ -489,7 +489,7 @@ def facet_pressure(items):
     """
     if not _measures(items):
         return 0.0, 0.0
-    wrong, area = _wrong(items, [item.source.jxw * item.chords.conforms for item in items])
-    largest = max(float(np.max(np.abs(item.chords.error), initial=0.0)) for item in items)
+    wrong, area = _wrong(items, [item.source.jxw * item.search.chords.conforms for item in items])
+    largest = max(float(np.max(np.abs(item.search.chords.error), initial=0.0)) for item in items)
     largest = items[0].space.comm.allreduce(largest, op=MPI.MAX)
     return float(np.sqrt(wrong / area)) if area > 0.0 else 0.0, largest

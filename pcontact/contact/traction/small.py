@@ -576,7 +576,7 @@ class Traction:
         axes : ndarray (1 or np, m, d)
         normal : ndarray (np, d)
             Contact normals.
-        last : pcontact.contact.pairing.Pairing or None
+        last : pcontact.contact.pair.Pairing or None
             Of the last search, whose rows are overwritten: most normals are as they were, of obstacles and without
             partner.
         """

@@ -212,14 +212,14 @@ def test_searches_of_all_kinds_are_one_entry_of_the_timing(path, monkeypatch):
 
     def spy(simulation):
         (item,) = simulation.problem.items[1:]
-        find, now = item.search.find, clock.perf_counter
+        find, now = item.search.among.find, clock.perf_counter
 
         def late(*arguments):
             hours.append(3600.0)
             return find(*arguments)
 
         monkeypatch.setattr(clock, "perf_counter", lambda: now() + sum(hours))
-        item.search.find = late
+        item.search.among.find = late
         timings.append(simulation.timing)
 
     timings = []

@@ -126,7 +126,7 @@ def check_twin(item, contact, name, first, states):
     twin = Twin(item, contact, name)
     augmented = isinstance(item.method, AugmentedLagrangian)
     multiplier = item.method.multiplier if augmented else np.zeros_like(item.source.x)
-    closed = (item.committed > OPEN)[:, None]
+    closed = item.history.closed[:, None]
     normal = item.pairing.normal
     spring = np.where(closed, tangential(committed["traction"] - multiplier, committed["normal"]), 0.0)
     if name == "none":
@@ -303,7 +303,7 @@ def test_penetration_is_pressure_over_gamma(shared_tmp, cell, order):
     for gamma0 in (None, 1.0):
         state, item = solved(pressed(path, d, "penalty", order, gamma0=gamma0), states)[1]
         assert item.method.gamma0 == (gamma0 or 3.0)
-        gamma = item.gamma
+        gamma = item.method.gamma
         # corner cells have the same constant, else the pressure would not be uniform
         expected = DEPTH / (1.0 / stiff + 1.0 / gamma)
         np.testing.assert_allclose(state["pressure"], expected, rtol=1e-9)
@@ -326,7 +326,7 @@ def test_multipliers_make_the_pressure_exact(shared_tmp, cell, order):
             assert "uzawa" not in records[0]
             continue
         assert records[0]["uzawa"]["updates"] > 0 and records[0]["uzawa"]["change"] <= rtol
-        depth = np.abs(state["gap"]) * item.gamma
+        depth = np.abs(state["gap"]) * item.method.gamma
         assert np.all(depth < 2.0 * rtol * exact)
 
 
@@ -337,7 +337,7 @@ def test_axial_symmetry(tmp_path, formulation):
     scene = pressed(path, 2, formulation, petsc=petsc, kinematics="axisymmetric", gamma0=20.0)
     scene.displacements = scene.displacements[:1]
     (record,), (state, item) = solved(scene, states)
-    gamma = item.gamma
+    gamma = item.method.gamma
     expected = DEPTH / (1.0 / YOUNG + (1.0 / gamma if formulation == "penalty" else 0.0))
     # gamma is another one on the axis: the pressure of the penalty method is not uniform to all digits
     np.testing.assert_allclose(state["pressure"], expected, rtol=1e-2 if formulation == "penalty" else 1e-6)
@@ -423,7 +423,7 @@ def test_pairs_of_one_scene_may_differ(shared_tmp, first, second):
         contact = record["contacts"][item.name]
         assert contact["force"][1] == pytest.approx(-10.0, rel=1e-8)
         assert contact["max_pressure"] == pytest.approx(10.0, rel=1e-6)
-        gamma = WORLD.allreduce(item.gamma.min(initial=np.inf), op=MPI.MIN)
+        gamma = WORLD.allreduce(item.method.gamma.min(initial=np.inf), op=MPI.MIN)
         expected = 10.0 / gamma if formulation == "penalty" else 0.0
         assert contact["max_penetration"] == pytest.approx(expected, rel=1e-6, abs=1e-5 * 10.0 / gamma)
     assert ("uzawa" in record) == ("augmented_lagrangian" in (first, second))
@@ -534,7 +534,7 @@ def test_gamma_grows_where_multipliers_are_slow(shared_tmp, monkeypatch, law):
         records, (state, item) = solved(scene, states)
         updates = [record["uzawa"]["updates"] for record in records]
         assert max(updates) < 30 and all(record["cutbacks"] == 0 for record in records)
-        np.testing.assert_allclose(item.gamma, item.source.trace[item.source.facet], rtol=1e-12)
+        np.testing.assert_allclose(item.method.gamma, item.source.trace[item.source.facet], rtol=1e-12)
         results.append((updates, state["pressure"]))
     assert results[0][0][0] > results[1][0][0]
     np.testing.assert_allclose(results[0][1], results[1][1], rtol=1e-3)

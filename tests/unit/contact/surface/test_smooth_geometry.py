@@ -371,7 +371,7 @@ def test_the_sides_of_a_cube_stay_flat(tmp_path):
     scene.contacts += [Contact(all=True, name="floor", obstacle=floor, smooth_geometry=True)]
     with running(scene) as (simulation, converged):
         assert converged
-        assert [item.chords for item in simulation.problem.items[1:]] == [None, None]
+        assert [item.search.chords for item in simulation.problem.items[1:]] == [None, None]
 
 
 # --- warnings
@@ -463,7 +463,7 @@ def test_curved_facets_of_a_circle(shared_tmp):
     for smooth, largest in ((True, 1e-8), (False, 1e-5)):
         simulation = Simulation(ring_scene(path, 2, 0.0, pressure=0.0, smooth_geometry=smooth))
         pair = simulation.problem.contacts[0].pairs[0]
-        assert (pair.chords is None) == (not smooth)
+        assert (pair.search.chords is None) == (not smooth)
         pair.detect(simulation.problem.space.vector(), 0.0)
         off = np.abs(pair.pairing.gap0[pair.pairing.paired] + delta)
         off = COMM.allreduce(float(np.max(off, initial=0.0)), op=MPI.MAX)

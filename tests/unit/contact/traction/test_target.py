@@ -77,7 +77,7 @@ def test_weights_areas_and_traction(tmp_path, cell, search, friction):
     gamma = np.where(some, ratio * l1 * l2 / (l1 + ratio * l2), l1) * item.method.gamma0
     if cell != "triangle" and cell != "tetrahedron":
         # cells on the ends of a simplicial mesh have other constants
-        np.testing.assert_allclose(item.gamma, gamma, rtol=1e-9)
+        np.testing.assert_allclose(item.method.gamma, gamma, rtol=1e-9)
         shear = 4.0 * SOFT[1] / (SOFT[0] + 2.0 * SOFT[1])
         part = (w1**2 * l1 + (1.0 - w1) ** 2 * ratio * l2 * np.where(some, shear, 0.0)) / (gamma / item.method.gamma0)
         np.testing.assert_allclose(item.method.alpha, part, rtol=1e-9)
