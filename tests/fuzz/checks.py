@@ -4,6 +4,8 @@
 * The force of a contact is the sum over its points; open points bear nothing.
 * Nodes of both surfaces of a contact are not inside the partner by more than a part of a facet, or a warning is there.
 * A contact whose surfaces are apart has no force.
+* With inertia the momentum of all bodies changes by the impulse of the outer forces, by the rule of the integrator, and
+  elastic bodies of small strain have a balance of energy up to rounding errors.
 * Where the first load step takes no iteration of Newton's method, nothing acts and nothing has moved but bodies all of
   whose nodes are prescribed. Later ones may end where the motion of the last one leads.
 """
@@ -339,7 +341,9 @@ def balance(case, result, tight):
         first = 1 if case.axial else 0
         springs = sum((np.array(s["force"]) for s in record.get("springs", {}).values()), np.zeros(case.dim))
         rows = []
-        if complete:
+        if complete and "inertia" in record:
+            rows.append(("loads", row["applied"] - springs - released - sum((f for _, f in loads), np.zeros(case.dim))))
+        elif complete:
             rows.append(("loads", row["applied"] - springs - released - sum((f for _, f in loads), np.zeros(case.dim))))
             rows.append(("all bodies", sum(outer, released)))
             ended = not np.any(np.abs(released) > 1e-9 * largest) and "phase" not in record
@@ -359,6 +363,70 @@ def balance(case, result, tight):
 def _last_of(result, record):
     """The last load step of a phase, at whose end nothing of what has ended is left."""
     return [row for row in result["steps"] if row["record"].get("phase") == record.get("phase")][-1]
+
+
+# -- inertia -------------------------------------------------------------------------------------------------
+
+# [-] part of the energy that may be missing where bodies are elastic and of small strain
+MISSING = 1e-7
+
+
+def _weights(table):
+    """f, m, (d0, d1), (s0, s1) of an integrator of the scene: (1 - m) M a1 + m M a0 = (1 - f) q1 + f q0."""
+    name, alpha = table["integrator"], table.get("alpha", -0.1)
+    if name == "euler":
+        return 0.0, 0.0, (0.0, 1.0)
+    alpha = 0.0 if name == "trapezoidal" else alpha
+    return -alpha if name == "hht" else 0.0, alpha if name == "bossak" else 0.0, (0.5 + alpha, 0.5 - alpha)
+
+
+def motion(case, result, tight):
+    """Findings about momentum and energy of runs with inertia: (kind, text)."""
+    scene, first = case.scene, 1 if case.axial else 0
+    if "dynamics" not in scene or any(formulas_in(v) for one in scene.get("loads", []) for v in one.values()):
+        return []
+    f, m, (s0, s1) = _weights(scene["dynamics"])
+    slow, found, rows = scene["bodies"][0].get("mass_damping", 0.0), [], []
+    least = 1e-6 * case.stress * case.length ** (2 if case.axial or case.dim == 3 else 1)
+    for row in result["steps"]:
+        record = row["record"]
+        tables = [one for one in scene.get("loads", []) if acts(one, record.get("phase"))]
+        tables = [one for one in tables if body_of(case.mesh, one["region"]) not in record.get("absent", [])]
+        known = [applied(case, one, record["time"]) for one in tables]
+        if "inertia" not in record or any(force is None for force in known):
+            continue
+        outer = _forces(case, row, [(one["region"], force) for one, force in zip(tables, known, strict=True)])[1]
+        momentum = np.array(record["inertia"]["momentum"])
+        force = sum(outer, np.array(record.get("released", {"force": np.zeros(case.dim)})["force"]))
+        force = force - slow * momentum
+        rows.append((record, momentum[first:], force[first:], max([least, *map(np.linalg.norm, outer)]), row["floor"]))
+    largest, before = max([one[3] for one in rows], default=least), None
+    speed = max([np.linalg.norm(one[1]) for one in rows], default=0.0)
+    for one, other in pairwise(rows):
+        size = other[0]["time"] - one[0]["time"]
+        if one[0].get("phase") != other[0].get("phase") or one[0].get("absent") != other[0].get("absent"):
+            before = None
+            continue
+        # M a at both ends; that at the beginning of the second load step is what its end asks for where it is unknown
+        if before is None:
+            known = (other[1] - one[1]) / size
+            given = (1.0 - f) * other[2] + f * one[2]
+            before = (known - s1 * given / (1.0 - m)) / (s0 - s1 * m / (1.0 - m)) if s0 or m else one[2]
+            before = one[2] if m == 0.0 and f == 0.0 else before
+        after = ((1.0 - f) * other[2] + f * one[2] - m * before) / (1.0 - m)
+        rest = np.linalg.norm(other[1] - one[1] - size * (s0 * before + s1 * after))
+        allowed = (BALANCE if tight else LOOSE) * (size * largest + speed) + 8.0 * size * other[4]
+        if rest > allowed:
+            found.append(("momentum", f"time {other[0]['time']:g}: {rest:.1e} of the momentum {speed:.1e}, "
+                                      f"forces {largest:.1e} in {size:.1e}"))  # fmt: skip
+        before = after
+    yields = any({"yield_stress", "hardening_curve"} & one.keys() for one in scene["materials"].values())
+    exact = not (case.finite or yields or "temperatures" in scene)
+    for row in result["steps"]:
+        energy = row["record"].get("energy", {"defect": 0.0})
+        if exact and abs(energy["defect"]) > (MISSING if tight else LOOSE):
+            found.append(("energy", f"time {row['record']['time']:g}: {energy['defect']:.1e} of it is missing"))
+    return found
 
 
 def sums(case, result):
@@ -483,5 +551,6 @@ def check(case, result, tight=True):
     """Findings of a run, the first of every kind: list of (kind, text)."""
     if result["status"] not in ("converged", "stopped") or not result["steps"]:
         return []
-    found = [*balance(case, result, tight), *sums(case, result), *penetration(case, result), *idle(case, result)]
+    found = [*balance(case, result, tight), *motion(case, result, tight), *sums(case, result),
+             *penetration(case, result), *idle(case, result)]
     return list({kind: (kind, text) for kind, text in reversed(found)}.values())[::-1]

@@ -128,6 +128,57 @@ def rubber(draw, name, material):
     return table
 
 
+# -- inertia -----------------------------------------------------------------------------------------------
+
+
+def inertia(draw, scene, d, depth, end, finite):
+    """Mass, damping and velocities of bodies, and more load steps: waves cross a body in a time of the order of 1."""
+    materials, axial = scene["materials"].values(), scene["mesh"].get("kinematics") == "axisymmetric"
+    softest = float(min(np.min(one["E"]) for one in materials))
+    for name, material in scene["materials"].items():
+        material["density"] = softest * draw.uniform(f"{name}.density", 0.1, 1.0)
+    table = {"integrator": draw.one("integrator", ["hht", "bossak", "trapezoidal", "euler"], [45, 20, 25, 10])}
+    if table["integrator"] in ("hht", "bossak") and draw.chance("integrator.said", 0.3):
+        table["alpha"] = draw.one("integrator.alpha", [-0.3, -0.05, 0.0])
+    if draw.chance("lumped", 0.3):
+        table["mass"] = "lumped"
+    count = draw.whole("inertia.count", 4, 9)
+    for one in scene.get("phases", [scene["steps"]]):
+        one["count"] = count
+    begins = bool(scene.get("phases")) and draw.chance("inertia.late", 0.4)
+    if begins:
+        table["phases"] = [one["name"] for one in scene["phases"][1:]]
+    elif draw.chance("inertia.auto", 0.15):
+        scene["steps"]["control"] = "auto"
+        table["step_error"] = draw.one("inertia.error", [0.01, 0.1])
+    slow = draw.uniform("damping", 0.1, 2.0) if draw.chance("damped", 0.3) else None
+    stiff = not finite and not any(isinstance(one["E"], list) for one in materials) and draw.chance("drags", 0.25)
+    for body in scene["bodies"]:
+        name = body["region"]
+        if slow is not None:
+            # the same of all, so that it is known what it takes of the momentum
+            body["mass_damping"] = slow
+        if stiff:
+            body["stiffness_damping"] = draw.uniform(f"{name}.drag", 0.01, 0.2)
+        if draw.chance(f"{name}.flies", 0.4):
+            fast = [depth / end * draw.uniform(f"{name}.velocity{k}", -2.0, 2.0) for k in range(d)]
+            if axial:
+                fast[0] = 0.0
+            said = draw.chance(f"{name}.velocity said", 0.3)
+            body["initial_velocity"] = [
+                formula(draw, f"{name}.velocity", d, v, end, timed=False) if said and v else v for v in fast
+            ]  # fmt: skip
+    if not begins and "phases" not in scene["bodies"][0] and not finite and draw.chance("strained", 0.15):
+        value = formula(draw, "strained", d, 0.2 * depth, end, timed=False)
+        scene["bodies"][0]["initial_displacement"] = [*[0.0] * (d - 1), value]
+    for coupling_ in scene.get("couplings", []):
+        if not coupling_.get("average") and draw.chance("heavy", 0.5):
+            coupling_["mass"] = 0.5 * softest
+            if not axial:
+                coupling_["inertia"] = 0.1 * softest if d == 2 else [0.1 * softest] * 3
+    scene["dynamics"] = table
+
+
 # -- phases ------------------------------------------------------------------------------------------------
 
 

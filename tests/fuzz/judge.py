@@ -2,7 +2,8 @@
 
 Compared are, at every load step, what is continuous in the data: displacements of all nodes of the file, support
 forces, contact forces, largest pressure and penetration, strain energy, plastic strain, displacements of the probes,
-forces, moments and motions of total loads, coupled groups, springs, bolts and obstacles; each against the largest value
+forces, moments and motions of total loads, coupled groups, springs, bolts and obstacles, with inertia momentum, its
+moment and what became of the energy; each against the largest value
 of its kind in the run (or, if that is less, what strains of 1e-6 make).
 Forces of the rounding errors that the program itself takes for zero, and their energy, are no difference: where
 nothing presses, they are all there is.
@@ -113,6 +114,17 @@ def numbers_of(result, variant, first):
             one[f"moment at {name}"] = turn(value, moment)
         if "released" in record:
             one["force released"] = np.array(record["released"]["force"]) @ R / force
+        if "inertia" in record:
+            # units of time are the same; moments are about the origin, from where the scene has moved away
+            momentum = np.array(record["inertia"]["momentum"])
+            one["momentum"] = momentum @ R / force
+            if "moment_of_momentum" in record["inertia"]:
+                about = np.zeros(d) if motion is None else motion.shift
+                own = np.array(record["inertia"]["moment_of_momentum"]) - np.cross(about, momentum)
+                one["momentum, moment of"] = turn(own.tolist(), moment)
+        sums = record.get("energy", {})
+        sums = {**{k: v for k, v in sums.items() if k not in ("contacts", "defect")}, **sums.get("contacts", {})}
+        one.update({f"energy {name}": value / energy for name, value in sums.items()})
         one["strain"] = record["plastic"]["max_equivalent_strain"]
         rows.append({key: np.asarray(value) for key, value in one.items()})
     # what does not act in a phase is zero there
@@ -142,7 +154,7 @@ def _sums(case, name):
     return False
 
 
-KINDS = ("force", "moment", "pressure", "depth", "probe", "rotation", "u", "energy", "strain")
+KINDS = ("force", "moment", "pressure", "depth", "probe", "rotation", "u", "energy", "momentum", "momentum,", "strain")
 
 
 def scales(case, numbers):
@@ -152,7 +164,8 @@ def scales(case, numbers):
     forces = E * L ** (d - 1) if d == 3 else E * L
     least = {"force": STRAIN * forces, "moment": STRAIN * forces * L, "rotation": STRAIN,
              "pressure": STRAIN * E, "depth": STRAIN * L, "u": STRAIN * L,
-             "energy": STRAIN**2 * forces * L, "strain": STRAIN}  # fmt: skip
+             "energy": STRAIN**2 * forces * L, "strain": STRAIN, "momentum": STRAIN * forces,
+             "momentum,": STRAIN * forces * L}  # fmt: skip
     found = dict(least)
     for key, value in numbers.values.items():
         kind = key.split()[0]
@@ -163,6 +176,7 @@ def scales(case, numbers):
     found["rotation"] = max(found["rotation"], found["u"] / L)
     # energy is a sum of products of the two, which may cancel
     found["energy"] = max(found["energy"], found["force"] * found["u"])
+    found["momentum,"] = max(found["momentum,"], found["momentum"] * L)
     # a depth of contact is a part of the displacement, a pressure at least that of the forces
     found["depth"] = max(found["depth"], found["u"])
     return found

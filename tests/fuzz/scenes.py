@@ -25,7 +25,7 @@ FACTORS = (
 
 # a plan without what readers of their own do not know (independent.py)
 PLAIN = {
-    **dict.fromkeys(("phased", "springs", "bolt", "heated", "side", "weight.mass", "floor.turns"), False),
+    **dict.fromkeys(("phased", "springs", "bolt", "heated", "side", "weight.mass", "floor.turns", "inertia"), False),
     **{f"{table}{k}.said": False for table in ("load", "support", "contact") for k in range(5)},
     **{f"{body}.{what}": False for body in ("low", "middle", "high", "body")
        for what in ("orthotropic", "is rubber", "on springs")},
@@ -514,6 +514,49 @@ def _slot(draw, d, degree, order):
     return scene, mesh
 
 
+def _flight(draw, d, degree, order):
+    """A body in free flight, which hits another one that nothing holds, or an obstacle."""
+    scene, end = _empty(draw, d, order)
+    axial = scene["mesh"].get("kinematics") == "axisymmetric"
+    n, gap = draw.one("bodies", [1, 2], [30, 70]), draw.uniform("gap", 0.005, 0.02)
+    draw.drawn["axis"] = axial
+    start, bulge, meshes, level = 0.0 if axial else -0.5, draw.one("bulge", [0.0, 0.1]), [], 0.0
+    for k, name in enumerate(("low", "middle")[:n]):
+        width = 1.0 if k == 0 else draw.one(f"{name}.width", [1.0, 0.6])
+        low = [start * width, *[-0.5 * width] * (d - 2), level]
+        high = [(1.0 + start) * width, *[0.5 * width] * (d - 2), level + draw.one(f"{name}.height", [0.6, 1.0])]
+        meshes.append(_body(draw, name, d, low, high, [bulge * (k == n - 1), 0.0], degree, order))
+        level = high[-1] + gap
+        scene["bodies"].append({"region": name, "material": name})
+        scene["materials"][name] = _material(draw, name, draw.drawn[f"{name}.cell"], order, "moved", (d, axial))
+    up = features.UP[d]
+    if n == 2:
+        kind = draw.one("kind1", ["pair", "unbiased"])
+        contact = _pair(draw, kind, f"middle_{up}0", f"low_{up}1", d, order, 1)
+        contact.pop("interference", None)
+    else:
+        table = _obstacle(draw, "floor", d, [*[0.0] * (d - 1), -gap])
+        contact = {"name": "floor", "source": f"low_{up}0", "obstacle": table, **_law(draw, "floor")}
+        contact.update(_numerics(draw, "floor", d, order, obstacle=True))
+    # multipliers of the last load step are no beginning of an impact
+    if contact.get("formulation") == "augmented_lagrangian":
+        del contact["formulation"]
+    scene["contacts"].append(contact)
+    scene["output"]["probes"] = [f"low_{up}1", "low_corner"]
+    return scene, joined(meshes)
+
+
+def _flies(draw, scene, d, end):
+    """The velocity of the body that hits the other one, with some spin."""
+    speed = draw.uniform("speed", 1.5, 4.0) * draw.drawn["gap"] / end
+    velocity = [*[0.0] * (d - 1), -speed]
+    if scene["mesh"].get("kinematics") != "axisymmetric":
+        along, spin = speed * draw.uniform("along", -0.5, 0.5), 0.5 * speed * draw.one("spin", [0.0, 1.0, -1.0])
+        velocity[0] = features.Formula.of(f"{along!r} + {spin!r}*{features.UP[d]}", d) if spin else along
+        velocity[-1] = features.Formula.of(f"{-speed!r} - {spin!r}*x", d) if spin else -speed
+    scene["bodies"][-1]["initial_velocity"] = velocity
+
+
 # -- bodies that go far --------------------------------------------------------------------------------------
 
 
@@ -670,7 +713,9 @@ def scene_of(seed, plan=None):
     degree, order = draw.one("degree", [1, 2], [70, 30]), draw.one("order", [1, 2], [65, 35])
     makes = {"stack": _stack, "slot": _slot, "slide": _slide, "pass": _pass, "tool": _tool, "press": _press}
     make = draw.one("arrangement", list(makes), [55, 9, 10, 8, 10, 8])
-    scene, mesh = makes[make](draw, d, degree, order)
+    moves = draw.chance("inertia", 0.15)
+    flies = moves and draw.chance("flight", 0.35)
+    scene, mesh = (_flight if flies else makes[make])(draw, d, degree, order)
     if draw.chance("mean", 0.15) and scene["mesh"].get("kinematics") != "plane_stress":
         scene["mesh"]["mean_dilatation"] = draw.chance("mean.value", 0.5)
     _strained(draw, scene)
@@ -681,6 +726,11 @@ def scene_of(seed, plan=None):
     if not case.finite and draw.chance("heated", 0.12):
         features.heated(draw, scene, d, end)
         _cooled(scene)
+    if moves:
+        features.inertia(draw, scene, d, draw.drawn["gap" if flies else "opening" if make == "slot" else "depth"], end,
+                         case.finite)  # fmt: skip
+    if flies:
+        _flies(draw, scene, d, end)
     for key in ("contacts", "displacements", "loads"):
         if not scene[key]:
             del scene[key]
@@ -822,7 +872,8 @@ def texts(case):
     return files
 
 
-SAID_AS_FORMULAS = ("pressure", "traction", "body_force", "acceleration", "value", "friction", "expression")
+SAID_AS_FORMULAS = ("pressure", "traction", "body_force", "acceleration", "value", "friction", "expression",
+                    "initial_velocity", "initial_displacement")  # fmt: skip
 
 
 def _formulas(value, d, key=None):

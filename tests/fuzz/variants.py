@@ -131,13 +131,16 @@ UNITS = {
     **dict.fromkeys(("width", "edge_radius", "shortening"), (0, 1)),
     "per_area": (1, -1), "density": (1, -2), "friction_decay": (0, -1), "viscous_stabilisation": (1, -2),
     "traction": (1, 0), "body_force": (1, -1), "acceleration": (0, 1), "displacement": (0, 1), "value": (0, 1),
+    "initial_velocity": (0, 1), "initial_displacement": (0, 1),
 }  # fmt: skip
-DIRECTED = ("traction", "body_force", "acceleration", "displacement", "force")
+DIRECTED = ("traction", "body_force", "acceleration", "displacement", "force", "initial_velocity",
+            "initial_displacement")  # fmt: skip
 
 
 def _moved_table(motion, table, size):
     """A table of a scene in place; forces are stresses times a length to the power of `size`."""
-    powers = {**UNITS, "force": (1, size), "moment": (1, size + 1), "stiffness": (1, size - 1)}
+    powers = {**UNITS, "force": (1, size), "moment": (1, size + 1), "stiffness": (1, size - 1),
+              "mass": (1, size - 1), "inertia": (1, size + 1)}  # fmt: skip
     for key, value in table.items():
         value = moved_value(motion, value)
         if key in DIRECTED and isinstance(value, list):
@@ -199,7 +202,7 @@ def moved(case, motion):
     for table in scene.get("displacements", []):
         table["value"] = _direction(motion, table["value"])
         _moved_table(motion, table, size)
-    for key in ("loads", "springs", "couplings", "pretensions"):
+    for key in ("bodies", "loads", "springs", "couplings", "pretensions"):
         for table in scene.get(key, []):
             _moved_table(motion, table, size)
     for table in scene.get("temperatures", []):
@@ -294,7 +297,7 @@ def variants_of(case, rng, ranks=3):
         Variant("restarted", case, TIGHT, restart=1),
         Variant("ranks", case, mumps, ranks=ranks),
     ]
-    if not (case.finite or {"phases", "pretensions"} & case.scene.keys()):
+    if not (case.finite or {"phases", "pretensions", "dynamics"} & case.scene.keys()):
         # an estimate is refused there
         out.append(Variant("estimated", _estimated(case), PLAIN, against="plain"))
     # multigrid in parallel costs most
