@@ -1,5 +1,6 @@
 """From the scene to the rooms below: mesh, space, items, problem."""
 
+import math
 from functools import partial
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from pcontact.assembly.finite import FiniteSolid, MixedSolid
 from pcontact.assembly.follower import FollowerPressure
 from pcontact.assembly.geometry import chunks
 from pcontact.assembly.heat import Heat, Heating
-from pcontact.assembly.inertia import Inertia
+from pcontact.assembly.inertia import Inertia, Snap
 from pcontact.assembly.loads import TimedLoad, load_vector, lumped_volume, value_of
 from pcontact.assembly.mass import Mass
 from pcontact.assembly.nodal_field import NodalField
@@ -30,6 +31,7 @@ from pcontact.mesh.by_place import BY_PLACE
 from pcontact.mesh.distribute import load_mesh
 from pcontact.mesh.geometry.moving import put_on
 from pcontact.mesh.hdf5 import is_converted
+from pcontact.mesh.mesh import bounding_box
 from pcontact.mesh.raw import RawMesh
 from pcontact.mesh.topology import OTHER, cut, missing, without
 from pcontact.pairs import contact_reports, oriented, since_of, tied_pairs
@@ -718,6 +720,15 @@ def _inertia(scene, space, laws, groups):
     return Inertia(space, mass, damping, weights, partial(_initial_motion, scene, space), said.step_error)
 
 
+def _snap(scene, space, groups, bulk):
+    """The item that leads bodies through snaps; its motions begin with a step in which waves cross them all.
+    *Collective.*"""
+    used = [scene.materials[body.material] for body in scene.bodies if not body.absent]
+    slowness = max(math.sqrt(one.density / np.max(one.E)) for one in used)
+    low, high = bounding_box(space.comm, space.mesh.points)
+    return Snap(space, mass_of(scene, space, groups), slowness * float(np.linalg.norm(high - low)), bulk)
+
+
 def _densities(scene):
     """Densities of the bodies that are there, by region [mass / length^3]."""
     return {body.region: scene.materials[body.material].density for body in scene.bodies if not body.absent}
@@ -846,6 +857,8 @@ def _assemble(scene, space, span, more, stabilises):
     items = [bulk, *(pair for contact in contacts for pair in contact.pairs), *_followers(scene, space, supports)]
     items += [*springs, *_spinning(scene, space), *(make(space) for make in more)]
     items += [] if inertia is None else [inertia]
+    snap = None if scene.steps.through_snaps is None else _snap(scene, space, couplings, bulk)
+    items += [] if snap is None else [snap]
     release = None if span is None else Release(space, span.begin, span.end, begun)
     items += [] if release is None else [release]
     viscous = None if eta is None else ViscousStabilisation(space, eta, bulk)
@@ -863,6 +876,6 @@ def _assemble(scene, space, span, more, stabilises):
         colours, loose = np.zeros_like(colours), sorted(free)
     since = since_of(scene, space) if release is not None and begun else {}
     features = Features(timed, total, springs, sections, averages, equations, _lower(scene, space, lower), release,
-                        inertia, viscous, since, loose, stabilises)  # fmt: skip
+                        inertia, viscous, since, loose, stabilises, snap)  # fmt: skip
     stabilisation = _stabilisation(space, laws, stabilised)
     return Problem(space, items, supports, forces, stabilisation, contacts, features), colours, free

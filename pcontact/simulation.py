@@ -361,6 +361,8 @@ class Simulation:
         if self.problem.features.viscous is not None:
             viscous = self.problem.features.viscous
             self._carriers |= {"viscous_work": viscous.taken, "stress_work": viscous.stressed}
+        if self.problem.features.snap is not None:
+            self._carriers["snaps"] = self.problem.features.snap.taken
         if self.energy is not None:
             self._carriers |= self.energy.carried
         if self.problem.features.inertia is not None:

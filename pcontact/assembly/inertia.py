@@ -13,14 +13,23 @@ at supports are their reactions.
 import numpy as np
 
 from pcontact.assembly.item import LAW, Item
+from pcontact.assembly.viscous import Sum
 from pcontact.runtime.parallel import take_rows
 from pcontact.runtime.petsc import MPI, PETSc
+from pcontact.scene.integrators import INTEGRATORS
 from pcontact.space.turn import moments
 
 # what a checkpoint keeps of every node
 STATE = ("velocity", "acceleration", "force")
 # [-] Relative residual of the mass matrix at the beginning. From: chosen, rounding errors of some hundred terms.
 MASS_RTOL = 1e-13
+# [-] Bodies rest where the forces of inertia are this part of the largest ones of their motion. From: chosen; the load
+# step is then solved without them, from there.
+REST_FORCE = 1e-2
+# [-] Least part of the first step of a motion that one may have. From: as `min_step` of `[steps]`.
+LEAST_MOTION = 1.0 / 1024.0
+# [iterations] Of Newton's method up to which the steps of a motion grow. From: as Schedule.EASY.
+EASY_MOTION = 8
 
 
 class Inertia(Item):
@@ -261,3 +270,114 @@ class Inertia(Item):
         count = take_rows(self.memory_keys(), chunks, values)
         setattr(self, name, values)
         return count
+
+
+class Snap(Inertia):
+    """Inertia at a standing load, which leads bodies without an equilibrium near by to the next one: backward Euler,
+    whose steps grow as long as they are easy, and which therefore ends where inertia plays no part any more.
+
+    It has a time of its own; in load steps it is not there.
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    mass : pcontact.assembly.mass.Mass
+    first : float
+        First step of a motion [time].
+    bulk : pcontact.assembly.bulk.Bulk
+        The bodies, whose energy says what the steps of a motion, which may be long, have taken.
+
+    Attributes
+    ----------
+    taken : pcontact.assembly.viscous.Sum
+        Energy that motions have set free so far, and that is gone [force * length].
+    steps : int
+        Of the last motion.
+    """
+
+    name, holds = "snap", False
+
+    def __init__(self, space, mass, first, bulk):
+        super().__init__(space, mass, None, INTEGRATORS["euler"].weights(None), None)
+        self._first, self._step, self._largest, self.taken, self.steps = first, 0.0, 0.0, Sum(), 0
+        self._bulk, self._stresses, self._energy = bulk, self._begin, 0.0
+
+    @property
+    def moves(self):
+        """Whether bodies have inertia."""
+        return self._step > 0.0
+
+    def release(self):
+        """Bodies begin to move from rest."""
+        self.velocity, self.acceleration, self.force = (np.zeros_like(self.velocity) for _ in STATE)
+        self._step, self._largest, self.steps = self._first, 0.0, 0
+
+    def hold(self):
+        """Take inertia away; the step with which a motion would go on."""
+        step, self._step, self._size, self._goes_on = self._step, 0.0, 0.0, False
+        return step
+
+    def go_on(self, step):
+        """The motion goes on, with a step of this size [time]."""
+        self._step = step
+
+    def shorten(self):
+        """Halve the step; whether it is long enough yet."""
+        self._step *= 0.5
+        return self._step >= LEAST_MOTION * self._first
+
+    def rests(self, iterations):
+        """Whether bodies rest, after a step of the motion with some iterations of Newton's method. *Collective.*"""
+        self.steps += 1
+        self._step *= 2.0 if iterations <= EASY_MOTION else 1.0
+        now = float(np.sqrt(self._work(self.force, self.force)))
+        self._largest = max(self._largest, now)
+        return now <= REST_FORCE * self._largest
+
+    def expected(self, u, time):
+        """None: bodies that snap do not go on as they do."""
+        return None
+
+    def detect(self, u, time, motion=0.0, ahead=None):
+        """A step of the motion, or a load step, begins at ``u``."""
+        self._size, self._begin, self._goes_on = self._step, self._values(u).copy(), self.moves
+        if self.moves:
+            self._stresses, self._energy = self._held(u)
+
+    def _held(self, u):
+        """Forces (n_owned, d) of the stresses and energy of the bodies, at a committed displacement. *Collective.*"""
+        stresses = np.zeros_like(self._begin)
+        self._bulk.residual(u, stresses)
+        return stresses, sum(self._bulk.energies(u))
+
+    def commit(self, u, time):
+        """Count what the step has taken: what others have done on the bodies and these do not hold. *Collective.*"""
+        if not self._goes_on:
+            return
+        before, way = self.force, self._values(u) - self._begin
+        super().commit(u, time)
+        stresses, energy = self._held(u)
+        done = 0.5 * self._work(before + self.force + self._stresses + stresses, way)
+        self.taken.carried += done - (energy - self._energy)
+
+    def residual(self, u, out, rule=LAW):
+        """Add the forces of inertia to ``out`` (n_owned, d). *Collective.*"""
+        if self._goes_on:
+            super().residual(u, out, rule)
+
+    def drag(self, u, out):
+        """Add them to ``out`` (n_owned, d), on the bodies [force]. *Collective.*"""
+        if self._goes_on:
+            super().drag(u, out)
+
+    def fields_of_nodes(self):
+        """None: in load steps bodies rest."""
+        return {}
+
+    def memory_keys(self):
+        """None: nothing of a motion outlives it."""
+        return None
+
+    def memory(self):
+        """Nothing."""
+        return {}

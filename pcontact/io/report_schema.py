@@ -121,7 +121,8 @@ _ENERGY = table(
     **{name: number(f"{words} [force * length]") for name, words in (
         ("loads", "work of the loads"), ("supports", "of the supports"), ("obstacles", "of the obstacles"),
         ("bodies", "of the stresses"), ("springs", "taken up by springs to the ground"),
-        ("viscous", "taken up by the viscous stabilisation"), ("heat", "supplied by temperatures"),
+        ("viscous", "taken up by the viscous stabilisation"), ("snaps", "set free by snaps, with `through_snaps`"),
+        ("heat", "supplied by temperatures"),
         ("stored", "elastic energy"), ("plastic", "dissipated by plastic flow"),
         ("initial", "with `[dynamics]`: energy at the beginning"), ("kinetic", "energy of motion"),
         ("gone", "where bodies come and go: what those held that have gone"),
@@ -167,6 +168,7 @@ STEP = table(
     finite_strain=by_name(_FINITE, "bodies with finite strain: how far they go"),
     viscous=table("with a viscous stabilisation", (), work=number("that it has taken up so far [force * length]"),
                   ratio=number("that over the work of the stresses [-]")),
+    snaps=table("with `through_snaps`", (), energy=number("that snaps have set free so far [force * length]")),
     energy=_ENERGY,
     inertia=table("with `[dynamics]`", (), momentum=vector("[mass * length / time]"),
                   moment_of_momentum=turned("about the origin [mass * length^2 / time]")),

@@ -934,6 +934,11 @@ class Steps:
         option="steps_viscous_stabilisation",
         more="see below. The report has its work, which is to be small against that of the stresses",
     )  # fmt: skip
+    through_snaps: str | None = key(
+        choice("dynamic"), "what becomes of bodies that find no equilibrium at the smallest load step", default=None,
+        otherwise="the run ends", more="`dynamic`: they go on with inertia, which a `density` gives them, until they "
+        "rest; see below", unless={"[dynamics]": "bodies have inertia anyway"},
+    )  # fmt: skip
 
     @property
     def smallest_step(self) -> float:

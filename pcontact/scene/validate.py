@@ -289,6 +289,8 @@ def _directions(scene) -> Found:
 
 def _motion(scene) -> Found:
     """Every body that moves has a mass, and damping that is defined."""
+    if scene.steps.through_snaps is not None:
+        check_masses(scene, ", with through_snaps")
     if scene.dynamics is None:
         return
     check_masses(scene, ", with [dynamics]")

@@ -40,6 +40,8 @@ class Features:
         Bodies whose rigid motions get a coarse space, see `pcontact.solve.preconditioners.deflation`.
     stabilised : bool
         Whether the stabilisation is added to the matrix.
+    snap : pcontact.assembly.inertia.Snap or None
+        That of static load steps that find no equilibrium.
     """
 
     timed: Sequence = ()
@@ -55,6 +57,7 @@ class Features:
     since: Mapping = field(default_factory=dict)
     loose: Sequence = ()
     stabilised: bool = True
+    snap: object = None
 
 
 class Problem:

@@ -4,7 +4,7 @@ Works are sums over the load steps of forces times motions of nodes, by the trap
 of a load step and the motion du in it, 1/2 (R_k + R_k+1) . du. What bodies store, and what their plastic flow has
 dissipated, are functions of their state; so the balance
 
-    loads + supports + obstacles + heat = stored + plastic + contacts + springs + viscous
+    loads + supports + obstacles + heat = stored + plastic + contacts + springs + viscous + snaps
 
 and with inertia
 
@@ -27,7 +27,7 @@ from pcontact.runtime.petsc import MPI
 # prefix of names in a checkpoint
 CARRIED = "energy_"
 # what takes energy, beside the bodies and contacts
-TAKEN = ("springs", "viscous", "kinetic", "damping", "numerical", "gone")
+TAKEN = ("springs", "viscous", "snaps", "kinetic", "damping", "numerical", "gone")
 
 
 class EnergyBalance:
@@ -47,10 +47,10 @@ class EnergyBalance:
         In checkpoints.
     sums : dict of str to Sum
         Works so far [force * length]: ``loads``, ``supports`` and ``obstacles`` do them on the bodies, which do those
-        of ``bodies`` (against their stresses), ``springs``, ``viscous`` and ``contact NAME`` (what is lost there);
-        ``heat`` without the energy of cells kept from expanding; with inertia ``initial``, the energy that there is at
-        the beginning, ``damping``, and ``inertia``: with it, kinetic energy and what the integrator dissipates;
-        ``gone``, what bodies held that are there no more.
+        of ``bodies`` (against their stresses), ``springs``, ``viscous``, ``snaps`` and ``contact NAME`` (what is lost
+        there); ``heat`` without the energy of cells kept from expanding; with inertia ``initial``, the energy that
+        is there at the beginning, ``damping``, and ``inertia``: with it, kinetic energy and what the integrator
+        dissipates; ``gone``, what bodies held that are there no more.
     """
 
     name = "energy"
@@ -84,7 +84,7 @@ class EnergyBalance:
         result = []
         for item in problem.others:
             kind = "springs" if id(item) in springs else "viscous" if item is problem.features.viscous else "loads"
-            kind = "inertia" if item is problem.features.inertia else kind
+            kind = "inertia" if item is problem.features.inertia else "snaps" if item is problem.features.snap else kind
             result.append(of_contacts.get(id(item), kind))
         return result
 
@@ -207,6 +207,9 @@ class EnergyBalance:
         result["stored"] = stored
         if self._problem.bulk.yields:
             result["plastic"] = plastic
+        if self._problem.features.snap is not None:
+            # steps of motions are long: it knows better than the trapezoidal rule
+            result["snaps"] = self._problem.features.snap.taken.carried
         if "heat" in result:
             result["heat"] += self._problem.bulk.heat.energy()
         if "inertia" in result:

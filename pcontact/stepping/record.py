@@ -106,6 +106,8 @@ class Recorder:
             record["moments"] = problem.forces.moments(u, unbalanced)
         if features.viscous is not None:
             record["viscous"] = self._viscous(step.time, u)
+        if features.snap is not None:
+            record["snaps"] = {"energy": features.snap.taken.carried}
         if self._energy is not None:
             record["energy"] = self._energy.record(u)
         if features.inertia is not None:

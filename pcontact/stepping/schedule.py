@@ -156,7 +156,11 @@ class Schedule:
 
     def refuses(self, target, error):
         """Whether the step to ``target`` is too long for its local error, and can be made shorter."""
-        return error > self.WRONG and 0.5 * (target - self.time) >= self.smallest
+        return error > self.WRONG and self.divides(target)
+
+    def divides(self, target):
+        """Whether the step to ``target`` can be halved."""
+        return 0.5 * (target - self.time) >= self.smallest
 
     def _follow(self, taken, iterations, error):
         """The next load step is as long as the iterations of one of some length say, and its local error."""

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pcontact.runtime import profile
+from pcontact.runtime import log, profile
 from pcontact.runtime.errors import StepFailure
 
 # [-] Bodies are expected to move on by so many times their last motion at most. From: a load step is at most twice as
@@ -176,16 +176,20 @@ class Stepper:
         """
         cutbacks = 0
         while not self.schedule.done:
-            target = self.schedule.next()
+            target, begin = self.schedule.next(), self.schedule.time
             committed = self.u.copy()
             result = self._attempt(target, committed)
+            stuck = not (result.converged or result.final or self.schedule.divides(target))
+            if stuck and self.problem.features.snap is not None:
+                result, committed, begin = self._through(target, result, committed)
+                cutbacks += 1
             error = max((item.error(self.u) for item in self.problem.others), default=0.0) if result.converged else 0.0
             if self.schedule.refuses(target, error):
                 result = replace(result, converged=False, reason=f"a local error of {error:.2g} times the allowed one")
             if result.converged:
                 told = self._tells(target)
                 with profile.phase("output"):
-                    unbalanced = self._unbalanced(committed, target) if told else None
+                    unbalanced = self._unbalanced(committed, begin, target) if told else None
                 for item in self.problem.items:
                     item.commit(self.u, target)
                 self._last = self.schedule.time, committed
@@ -218,6 +222,60 @@ class Stepper:
                     f"{'; ' if result.detail else ''}{result.detail})"
                 )
 
+    def _through(self, target, failed, committed):
+        """Lead bodies that find no equilibrium at the loads of a time to the next one, with inertia. *Collective.*
+
+        Parameters
+        ----------
+        target : float
+            Time of the loads, which stand still.
+        failed : pcontact.solve.result.NewtonResult
+            Of the load step to there.
+        committed : PETSc.Vec
+            The committed displacement.
+
+        Returns
+        -------
+        result : pcontact.solve.result.NewtonResult
+            Of the load step in which the bodies rest again; of that which failed if they find no rest.
+        before : PETSc.Vec
+            The committed displacement from which it has begun.
+        begin : float
+            Time up to which works are summed up.
+        """
+        snap, begin, taken = self.problem.features.snap, self.schedule.time, self.problem.features.snap.taken.carried
+        log.info("time %.6g: no equilibrium near by (%s): on with inertia, until bodies rest", target, failed.reason)
+        for observer in self.observers:
+            observer.cut(target, failed)
+        committed.copy(self.u)
+        self._last = None
+        snap.release()
+        while True:
+            before = self.u.copy()
+            result = self._attempt(target, before)
+            if not result.converged:
+                before.copy(self.u)
+                if snap.shorten():
+                    continue
+                snap.hold()
+                reason = f"{failed.reason}; nor did bodies that move find rest ({result.reason})"
+                return replace(failed, reason=reason, final=True), before, begin
+            if self._stages.energy is not None:
+                self._unbalanced(before, begin, target)
+            begin = target
+            for item in self.problem.items:
+                item.commit(self.u, target)
+            if not snap.rests(result.newton):
+                continue
+            before, step = self.u.copy(), snap.hold()
+            result = self._attempt(target, before)
+            if result.converged:
+                log.info("time %.6g: bodies rest after %d steps of their motion, which has taken an energy of %.6g",
+                         target, snap.steps, snap.taken.carried - taken)  # fmt: skip
+                return result, before, begin
+            before.copy(self.u)
+            snap.go_on(step)
+
     def _tells(self, target):
         """Whether observers are told of the load step that ends at a time."""
         if self.every or self.schedule.ends(target):
@@ -231,6 +289,7 @@ class Stepper:
 
     def _attempt(self, target, before):
         start, (begin, renew, settle, rest, _) = clock.perf_counter(), self._stages
+        moves = self.problem.features.snap is not None and self.problem.features.snap.moves
         expected = self._expected(target) if begin is None else self._as_vector(begin(target))
         self.problem.time = target
         with profile.phase("search"):
@@ -251,7 +310,7 @@ class Stepper:
                 result = renew(self.u, before, target)
             if settle is not None and result.converged:
                 result = settle(self.u, result)
-            if rest is not None and result.converged:
+            if rest is not None and result.converged and not moves:
                 result = rest(self.u, before, result)
             self._check_motion(result, before)
         # searches within the solve are counted as such
@@ -260,12 +319,12 @@ class Stepper:
         self.timing["solve"] += clock.perf_counter() - middle - again
         return result
 
-    def _unbalanced(self, before, target):
+    def _unbalanced(self, before, begin, target):
         """See :attr:`Step.unbalanced`; works are summed up on the way. *Collective.*"""
         energy = self._stages.energy
         if energy is None:
             return self.problem.unbalanced(self.u)
-        return energy.account(self.u, before, self.schedule.time, target)
+        return energy.account(self.u, before, begin, target)
 
     def _way(self, target):
         """How far the bodies move if they go on as what drives them does."""

@@ -147,7 +147,7 @@ KEYS = {
     "Phase": {"phases": "name duration count friction tied"},
     "Steps": {
         ANY: "end count min_step", "sizes of load steps": "control max_step",
-        "viscous stabilisation": "viscous_stabilisation",
+        "viscous stabilisation": "viscous_stabilisation", "inertia in snaps": "through_snaps",
     },
     "Dynamics": {"inertia": "integrator alpha mass step_error phases"},
     "Output": {

@@ -441,7 +441,7 @@ class _Split:
 
     def _values(self, places, nodes, weights, table):
         """Values (n, n_places, m) at all places of cells."""
-        mesh, known, d = self._mesh, self._known[nodes], self._mesh.dim
+        known = self._known[nodes]
         values = np.zeros((len(nodes), len(places.at), known.shape[2]))
         values[:, : places.own] = known
         for p in range(places.own, len(places.at)):

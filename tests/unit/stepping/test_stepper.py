@@ -214,7 +214,7 @@ def test_observers_are_told_of_the_last_load_step_alone():
     for energy, told in ((None, [4]), ("balance", [1, 2, 3, 4])):
         loop, problem, watch = stepper(1.0, count=4)
         loop.every, loop._stages = False, Stages(energy=energy)
-        loop._unbalanced = lambda before, target: None
+        loop._unbalanced = lambda before, begin, target: None
         loop.run()
         assert [step.number for step in watch.records] == told and problem.calls[-1] == ("commit", 101.0, 1.0)
 
