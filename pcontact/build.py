@@ -6,9 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pcontact.assembly.average import AverageCoupling
-from pcontact.assembly.coupling import TotalLoad
-from pcontact.assembly.distortion import SLIGHT
+from pcontact.assembly.coupling import AverageCoupling, TotalLoad
 from pcontact.assembly.finite import FiniteSolid, MixedSolid
 from pcontact.assembly.follower import FollowerPressure
 from pcontact.assembly.geometry import chunks
@@ -16,6 +14,7 @@ from pcontact.assembly.heat import Heat, Heating
 from pcontact.assembly.inertia import Inertia, Snap
 from pcontact.assembly.loads import TimedLoad, load_vector, lumped_volume, value_of
 from pcontact.assembly.mass import Mass
+from pcontact.assembly.measures import SLIGHT
 from pcontact.assembly.nodal_field import NodalField
 from pcontact.assembly.patches import kind_of
 from pcontact.assembly.release import Release
@@ -63,7 +62,7 @@ from pcontact.scene.prescribed import Prescribed
 from pcontact.scene.regions import check_region
 from pcontact.scene.target import Budget, Target
 from pcontact.scene.unsafe import unsafe
-from pcontact.solve.preconditioners.deflation import MOST_COLOURS
+from pcontact.solve.preconditioners import MOST_COLOURS
 from pcontact.solve.problem import Features, Problem
 from pcontact.space.constraints import Equations, PretensionSection, RigidGroup, linear_rows, pair_rows, term_rows
 from pcontact.space.modes import colour, component_frames, free_motions, join

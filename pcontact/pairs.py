@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from pcontact.contact.finite_pair import finite_pair
-from pcontact.contact.formulation.parameters import coercive, parameter
+from pcontact.contact.formulation.methods import coercive, contacts_of_halves, halved, is_unbiased, parameter
 from pcontact.contact.law import ADDED, contact_law
 from pcontact.contact.pair import NOTHING_MORE, Setting, contact_pair
 from pcontact.contact.report import ContactReport
@@ -15,12 +15,10 @@ from pcontact.contact.search.self_surface import self_surface
 from pcontact.contact.segmentation.pieces import cut_source
 from pcontact.contact.summary import components_of as components_at
 from pcontact.contact.surface.facet_maps import KIND
-from pcontact.contact.surface.obstacle import RigidObstacle
-from pcontact.contact.surface.rigid_surface import RigidSurface
+from pcontact.contact.surface.obstacle import RigidObstacle, RigidSurface
 from pcontact.contact.surface.sides import components_of, diameters, extents, source_surface, target_surface
 from pcontact.contact.surface.smooth_geometry import Chords, has_corner, smooth_surface
 from pcontact.contact.traction.target import is_two_sided
-from pcontact.contact.unbiased import contacts_of_halves, halved, is_unbiased
 from pcontact.mesh.mesh import size_of
 from pcontact.mesh.read import read_surface
 from pcontact.runtime import log
@@ -474,7 +472,7 @@ def _points(space, bulk, contact):
 
 
 def _sticks(contact):
-    """Whether points stick by what the bodies say, see `pcontact.contact.formulation.parameters`."""
+    """Whether points stick by what the bodies say, see `pcontact.contact.formulation.methods`."""
     said = contact.alpha is not None or contact.stick_stiffness is not None
     # the adjoint term weighs tangential misfits with 1 / alpha, which cells that yield do not bear
     return contact_law(contact).tangential and not said and contact.theta == 0.0

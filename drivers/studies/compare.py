@@ -41,7 +41,7 @@ from drivers.studies import _harness as harness
 from drivers.studies._compare_report import METHODS, SHEARED, document, plots, report
 from drivers.studies._condition import condition
 from drivers.studies._harness import Counts, Rows, results, study_parser
-from pcontact.contact.formulation.parameters import coercive
+from pcontact.contact.formulation.methods import coercive
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI

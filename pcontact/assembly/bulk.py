@@ -123,12 +123,12 @@ class Bulk(Item):
 
     def deformations(self, u):
         """How far bodies with finite strain are stretched and turned, see
-        :func:`pcontact.assembly.deformation.deformations`; of others nothing. *Collective.*"""
+        :func:`pcontact.assembly.measures.deformations`; of others nothing. *Collective.*"""
         return {}
 
     def distortions(self, u, held):
         """How far bodies with small strain are from what it represents, see
-        :func:`pcontact.assembly.distortion.distortions`; of those with finite strain nothing. *Collective.*"""
+        :func:`pcontact.assembly.measures.distortions`; of those with finite strain nothing. *Collective.*"""
         return {}
 
     def stress(self, u):

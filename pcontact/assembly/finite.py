@@ -3,7 +3,6 @@
 import numpy as np
 
 from pcontact.assembly.bulk import BlockStates, Bulk
-from pcontact.assembly.deformation import deformation_fields, deformations, mean_gradients
 from pcontact.assembly.finite_kernels import (
     FiniteCells,
     FiniteState,
@@ -18,7 +17,8 @@ from pcontact.assembly.finite_kernels import (
 from pcontact.assembly.geometry import chunks, hoop, n_points, points_of
 from pcontact.assembly.graph import BlockRows, multiply, node_graph
 from pcontact.assembly.item import LAW
-from pcontact.assembly.pattern import OwnedRows, positions
+from pcontact.assembly.matrix import OwnedRows, positions
+from pcontact.assembly.measures import deformation_fields, deformations, mean_gradients
 from pcontact.assembly.solid import Solid
 from pcontact.assembly.strains import NO_RING
 from pcontact.element.dilatation import components, factors, linear
@@ -293,11 +293,11 @@ class FiniteSolid(Bulk):
         return [strain for _, strain, _ in self._means(u)]
 
     def fields(self, u):
-        """See :func:`pcontact.assembly.deformation.deformation_fields`. *Collective.*"""
+        """See :func:`pcontact.assembly.measures.deformation_fields`. *Collective.*"""
         return deformation_fields(self.space, self.space.local.gather(u), self.log_strain(u))
 
     def deformations(self, u):
-        """See :func:`pcontact.assembly.deformation.deformations`. *Collective.*"""
+        """See :func:`pcontact.assembly.measures.deformations`. *Collective.*"""
         return deformations(self.space, self.fields(u), self.parts)
 
     def energies(self, u):
@@ -409,7 +409,7 @@ class MixedSolid(Bulk):
         return self._joined(self.small.stress(u), self.finite.stress(u))
 
     def fields(self, u):
-        """See :func:`pcontact.assembly.deformation.deformation_fields`; bodies with small strain have theirs instead of
+        """See :func:`pcontact.assembly.measures.deformation_fields`; bodies with small strain have theirs instead of
         a logarithmic one. *Collective.*"""
         nodal, space = self.space.local.gather(u), self.space
         result = [np.zeros((len(cells), 6)) for cells in space.cells]
@@ -419,7 +419,7 @@ class MixedSolid(Bulk):
         return deformation_fields(space, nodal, self._joined(result, self.finite.log_strain(u)))
 
     def deformations(self, u):
-        """Of the bodies with finite strain, see :func:`pcontact.assembly.deformation.deformations`. *Collective.*"""
+        """Of the bodies with finite strain, see :func:`pcontact.assembly.measures.deformations`. *Collective.*"""
         return self.finite.deformations(u)
 
     def energies(self, u):
@@ -427,5 +427,5 @@ class MixedSolid(Bulk):
         return tuple(sum(parts) for parts in zip(self.small.energies(u), self.finite.energies(u), strict=True))
 
     def distortions(self, u, held):
-        """Of the bodies without finite strain, see :func:`pcontact.assembly.distortion.distortions`. *Collective.*"""
+        """Of the bodies without finite strain, see :func:`pcontact.assembly.measures.distortions`. *Collective.*"""
         return self.small.distortions(u, held)

@@ -4,8 +4,8 @@ points of rigid groups."""
 import numpy as np
 
 from pcontact.assembly.graph import multiply, node_graph
+from pcontact.assembly.matrix import JoinedPattern, OwnedRows
 from pcontact.assembly.patches import cell_patches
-from pcontact.assembly.pattern import JoinedPattern, OwnedRows
 
 
 class Mass:

@@ -1,14 +1,160 @@
-"""The global matrix: an AIJ matrix whose values are written in place from the items' blocks."""
+"""The global matrix: an AIJ matrix whose values are written in place from the items' blocks.
+
+Patterns of owned rows, and the plan that sums the contributions of several ranks into them.
+
+The matrix of a problem some of whose components follow others: P^T K P, and a diagonal for those that follow.
+"""
 
 import weakref
 from typing import NamedTuple
 
 import numpy as np
 
+from pcontact.assembly.graph import add_blocks, add_chosen_blocks, locate_rows, merge_rows
 from pcontact.assembly.operator import AIJ, Operator
-from pcontact.assembly.pattern import positions, union
 from pcontact.runtime.jit import njit
+from pcontact.runtime.parallel import split_by_rank
 from pcontact.runtime.petsc import MPI, PETSc, graph_of_long_rows, local_values
+
+
+def union(ptr_a, col_a, ptr_b, col_b):
+    """Union of two block patterns with the same rows.
+
+    Returns
+    -------
+    rowptr (n + 1,), columns (nnz,) : ndarray
+    """
+    rowptr = np.zeros_like(ptr_a)
+    merge_rows(ptr_a, col_a, ptr_b, col_b, rowptr, np.zeros(0, dtype=np.int64), False)
+    columns = np.empty(rowptr[-1], dtype=np.int64)
+    merge_rows(ptr_a, col_a, ptr_b, col_b, rowptr, columns, True)
+    return rowptr, columns
+
+
+def positions(ptr_a, col_a, rowptr, columns):
+    """Position (int64) in a pattern of every entry of a pattern that it contains."""
+    position = np.empty(len(col_a), dtype=np.int64)
+    locate_rows(ptr_a, col_a, rowptr, columns, position)
+    return position
+
+
+class JoinedPattern:
+    """Union of block patterns with the same rows, and the sum of values on them.
+
+    Parameters
+    ----------
+    patterns : list of (ndarray (n + 1,), ndarray (nnz,))
+        Row pointers and columns.
+    n : int
+        Rows.
+
+    Attributes
+    ----------
+    rowptr, columns : ndarray (n + 1,), (nnz,)
+        The union.
+    """
+
+    def __init__(self, patterns, n):
+        self.rowptr, self.columns = np.zeros(n + 1, dtype=np.int64), np.zeros(0, dtype=np.int64)
+        for pattern in patterns:
+            self.rowptr, self.columns = union(self.rowptr, self.columns, *pattern)
+        self._places = [positions(*pattern, self.rowptr, self.columns) for pattern in patterns]
+
+    def sum(self, values):
+        """Sum (nnz, d, d) of values on the patterns, a list in their order."""
+        if len(values) == 1:
+            return values[0]
+        total = np.zeros((len(self.columns), *values[0].shape[1:]))
+        for place, value in zip(self._places, values, strict=True):
+            total[place] += value
+        return total
+
+
+
+def _sorted_rows(n_rows, rows, columns):
+    """Pattern with sorted unique columns from unordered pairs."""
+    order = np.lexsort((columns, rows))
+    rows, columns = rows[order], columns[order]
+    keep = np.ones(len(rows), dtype=bool)
+    keep[1:] = (rows[1:] != rows[:-1]) | (columns[1:] != columns[:-1])
+    rowptr = np.zeros(n_rows + 1, dtype=np.int64)
+    np.cumsum(np.bincount(rows[keep], minlength=n_rows), out=rowptr[1:])
+    return rowptr, np.ascontiguousarray(columns[keep])
+
+
+class OwnedRows:
+    """Block rows that this rank owns, summed from what all ranks contribute.
+
+    Parameters
+    ----------
+    numbering : pcontact.space.numbering.Numbering
+    exchanger : pcontact.runtime.parallel.Exchanger
+    nodes : ndarray (n,)
+        Global numbers of the local rows and columns.
+    rowptr, columns : ndarray
+        Local pattern over these nodes, see :func:`pcontact.assembly.graph.node_graph`.
+
+    Attributes
+    ----------
+    rowptr (n_owned + 1,), columns (nnz,) : ndarray
+        Pattern of the owned rows, global node numbers, sorted in each row.
+
+    Notes
+    -----
+    *Collective.*
+    """
+
+    def __init__(self, numbering, exchanger, nodes, rowptr, columns):
+        self._exchanger = exchanger
+        n_owned, start = numbering.n_owned, numbering.start
+        row = np.repeat(np.arange(len(nodes)), np.diff(rowptr))
+        global_row, global_column = nodes[row], nodes[columns]
+        owner = numbering.owner(global_row)
+        mine = owner == numbering.rank
+        away = np.flatnonzero(~mine)
+        pairs = np.column_stack([global_row[away], global_column[away]])
+        sends, order = split_by_rank(owner[away], pairs)
+        self._send_index = {}
+        first = 0
+        for rank, part in sends.items():
+            self._send_index[rank] = away[order[first : first + len(part)]]
+            first += len(part)
+        received = exchanger(sends, np.int64, 2)
+        rows = [global_row[mine] - start] + [p[:, 0] - start for p in received.values()]
+        cols = [global_column[mine]] + [p[:, 1] for p in received.values()]
+        self.rowptr, self.columns = _sorted_rows(n_owned, np.concatenate(rows), np.concatenate(cols))
+        self._own_index = np.flatnonzero(mine)
+        self._own_position = self._find(rows[0], cols[0])
+        self._received_position = {
+            rank: self._find(r, c) for rank, r, c in zip(received, rows[1:], cols[1:], strict=True)
+        }
+
+    def _find(self, rows, columns):
+        order = np.lexsort((columns, rows))
+        ptr = np.zeros(len(self.rowptr), dtype=np.int64)
+        np.cumsum(np.bincount(rows, minlength=len(self.rowptr) - 1), out=ptr[1:])
+        found = np.empty(len(rows), dtype=np.int64)
+        found[order] = positions(ptr, np.ascontiguousarray(columns[order]), self.rowptr, self.columns)
+        return found
+
+    def sum(self, values):
+        """Sum local values into the owned rows. *Collective.*
+
+        Parameters
+        ----------
+        values : ndarray (nnz_local, d, d)
+
+        Returns
+        -------
+        ndarray (nnz, d, d)
+        """
+        d = values.shape[1]
+        out = np.zeros((len(self.columns), d, d))
+        add_chosen_blocks(values, self._own_index, self._own_position, out)
+        sends = {rank: values[index].reshape(-1, d * d) for rank, index in self._send_index.items()}
+        for rank, part in self._exchanger(sends, np.float64, d * d).items():
+            add_blocks(part.reshape(-1, d, d), self._received_position[rank], out)
+        return out
 
 
 class MatrixRows(NamedTuple):
@@ -265,3 +411,93 @@ def _diagonal_of(block_rows, placed, out):
             if columns[k] == start + row and at[k] >= 0:
                 for i in range(values.shape[1]):
                     out[row, i] = values[at[k], i, i]
+
+
+class ConstrainedMatrix:
+    """In the place of :class:`GlobalMatrix`, with rigid groups.
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    fixed : ndarray (n_local, d) of bool
+        Prescribed components.
+    groups : list of pcontact.space.rigid.RigidGroup or pcontact.space.section.PretensionSection
+
+    Attributes
+    ----------
+    matrix, operator : PETSc.Mat
+        As those of a :class:`GlobalMatrix`.
+    follows : ndarray (n_owned, d) of bool
+        Components that follow.
+
+    Notes
+    -----
+    The constructor is *Collective*.
+    """
+
+    # a group has one entry in many blocks
+    default = "aij"
+
+    def __init__(self, space, fixed, groups):
+        self._whole, self._renewed = GlobalMatrix(space, fixed), True
+        d, n, total = space.dim, space.n_owned * space.dim, space.n_dofs
+        sizes = ((n, total), (n, total))
+        self.matrix = PETSc.Mat().create(comm=space.comm)
+        self.matrix.setSizes(sizes, bsize=d)
+        self.matrix.setType("aij")
+        self.operator, self._beside = self.matrix, None
+        rows = [(np.arange(n), space.start * d + np.arange(n), np.ones(n))]
+        self._follows = np.zeros(n, dtype=bool)
+        for group in groups:
+            self._follows[group.followers()] = True
+            rows.append(group.ways())
+        row, column, value = (np.concatenate(parts) for parts in zip(*rows, strict=True))
+        # a follower has no column of its own; one that leads has the entry 1 in its own row, from its group
+        kept = (np.arange(len(row)) >= n) | ~self._follows[row]
+        row, column, value = row[kept], column[kept], value[kept]
+        for group in groups:
+            mine = group.leading[(group.leading >= space.start * d) & (group.leading < space.start * d + n)]
+            self._follows[mine - space.start * d] = False
+        self.follows, self._start = self._follows.reshape(-1, d), int(space.start) * d
+        order = np.lexsort((column, row))
+        pointer = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=n))]).astype(PETSc.IntType)
+        self._ways = PETSc.Mat().createAIJ(
+            (sizes[0], sizes[1]), csr=(pointer, column[order].astype(PETSc.IntType), value[order]), comm=space.comm
+        )
+
+    def choose(self, kind):
+        """See :meth:`GlobalMatrix.choose`."""
+        if kind in AIJ:
+            self.matrix.setType(kind)
+        else:
+            self._beside = Operator(self.matrix, kind)
+            self.operator = self._beside.matrix
+
+    def renew(self, first, second):
+        """See :meth:`GlobalMatrix.renew`. *Collective.*"""
+        changed = self._whole.renew(first, second)
+        self._renewed = self._renewed or changed
+        return changed
+
+    def write(self, first, second, extra):
+        """See :meth:`GlobalMatrix.write`. *Collective.*"""
+        self._whole.write(first, second, extra)
+        product = self._whole.matrix.ptap(self._ways)
+        pointer, columns, values = product.getValuesCSR()
+        product.destroy()
+        diagonal = self._whole.matrix.getDiagonal().getArray()[self._follows]
+        # rows of followers are empty: they get a diagonal
+        at = np.flatnonzero(self._follows)
+        columns = np.insert(columns, pointer[at], (self._start + at).astype(columns.dtype))
+        values = np.insert(values, pointer[at], diagonal)
+        pointer = pointer + np.concatenate([[0], np.cumsum(self._follows)]).astype(pointer.dtype)
+        if self._renewed:
+            self.matrix.setPreallocationCSR((pointer, columns, values))
+        else:
+            self.matrix.setValuesCSR(pointer, columns, values)
+        self.matrix.assemble()
+        if self._beside is not None:
+            if self._renewed:
+                self._beside.preallocate_entries(pointer, columns, self._start)
+            self._beside.take_entries(pointer, columns, values)
+        self._renewed = False

@@ -9,11 +9,11 @@ import numpy as np
 
 from pcontact.assembly import strains
 from pcontact.assembly.bulk import BlockStates, Bulk
-from pcontact.assembly.distortion import distortions
 from pcontact.assembly.geometry import chunks, hoop, keep, points_of
 from pcontact.assembly.graph import BlockRows, find, multiply, node_graph
 from pcontact.assembly.item import LAW
-from pcontact.assembly.pattern import OwnedRows, positions
+from pcontact.assembly.matrix import OwnedRows, positions
+from pcontact.assembly.measures import distortions
 from pcontact.assembly.strains import add_forces, add_means, cell_points
 from pcontact.element.dilatation import linear, squares
 from pcontact.material.elastic import FLOWS, Moment
@@ -396,7 +396,7 @@ class Solid(Bulk):
         return stored if self.heat is None else stored + self.heat.energy(), dissipated
 
     def distortions(self, u, held):
-        """See :func:`pcontact.assembly.distortion.distortions`. *Collective.*"""
+        """See :func:`pcontact.assembly.measures.distortions`. *Collective.*"""
         return distortions(self, u, held)
 
     def stress(self, u):

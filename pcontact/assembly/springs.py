@@ -5,8 +5,8 @@ import numpy as np
 from pcontact.assembly.graph import multiply, node_graph
 from pcontact.assembly.item import LAW, Item
 from pcontact.assembly.loads import across
+from pcontact.assembly.matrix import OwnedRows
 from pcontact.assembly.patches import cell_patches, facet_patches, group_patches
-from pcontact.assembly.pattern import OwnedRows
 
 
 class LinearForces(Item):

@@ -3,8 +3,8 @@
 import numpy as np
 
 from pcontact.contact.motion import DEEPER
-from pcontact.contact.search.exchange import find_partners
-from pcontact.contact.search.query import QueryPoints
+from pcontact.contact.search.partners import find_partners
+from pcontact.contact.search.projection import QueryPoints
 from pcontact.contact.surface.sides import target_surface
 from pcontact.runtime.petsc import MPI
 

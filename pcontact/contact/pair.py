@@ -17,7 +17,7 @@ import numpy as np
 
 from pcontact.assembly.graph import BlockRows, node_graph
 from pcontact.assembly.item import LAW, Item
-from pcontact.assembly.pattern import OwnedRows
+from pcontact.assembly.matrix import OwnedRows
 from pcontact.contact import motion
 from pcontact.contact.active_set import PairActiveSet
 from pcontact.contact.detection import Detection

@@ -5,11 +5,11 @@ from functools import cached_property
 
 import numpy as np
 
+from pcontact.contact.formulation.methods import WEIGHT, is_unbiased
 from pcontact.contact.law import OPEN
 from pcontact.contact.node_depths import node_depths
 from pcontact.contact.summary import resultants, summarise
 from pcontact.contact.surface.smooth_geometry import facet_error
-from pcontact.contact.unbiased import WEIGHT, is_unbiased
 from pcontact.runtime.petsc import MPI
 from pcontact.space.turn import moments
 

@@ -6,7 +6,7 @@ from pcontact.mesh.mesh import size_of
 from pcontact.runtime.petsc import PETSc
 from pcontact.solve.convergence import BALANCED
 from pcontact.solve.forces import ROUNDINGS
-from pcontact.solve.preconditioners.direct import FAILED
+from pcontact.solve.preconditioners import FAILED
 
 # [-] Part of the volume that may yield from which on a limit load is near. From: chosen; a sentence depends on it, no
 # iteration.

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from pcontact.assembly.constrained import ConstrainedMatrix
-from pcontact.assembly.matrix import GlobalMatrix
+from pcontact.assembly.matrix import ConstrainedMatrix, GlobalMatrix
 
 
 class EssentialConditions:

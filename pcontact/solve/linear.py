@@ -5,7 +5,7 @@ import numpy as np
 from pcontact.assembly.operator import AIJ, BESIDE
 from pcontact.runtime import log
 from pcontact.runtime.petsc import PETSc, forget_pattern, full_steps, known_types, line_search_limit
-from pcontact.solve.preconditioners.contact import MULTIGRID, preconditioner
+from pcontact.solve.preconditioners import MULTIGRID, preconditioner
 
 # [-] The area in contact may grow by this factor before the preconditioner is set up again. Row: reuse.
 GROWN = 2.0
@@ -154,7 +154,7 @@ def choose_operator(matrix, options, symmetric, direct, around):
 
     Parameters
     ----------
-    matrix : pcontact.assembly.matrix.GlobalMatrix or pcontact.assembly.constrained.ConstrainedMatrix
+    matrix : pcontact.assembly.matrix.GlobalMatrix or pcontact.assembly.matrix.ConstrainedMatrix
     options : pcontact.runtime.options.Options
     symmetric : bool
         Whether the tangent is symmetric.
@@ -260,7 +260,7 @@ def newton_defaults(linear, direct, inexact):
     """
     options = {
         "snes_type": "newtonls",
-        # steps are shortened or prolonged before, see `pcontact.solve.line_search`
+        # steps are shortened or prolonged before, see `pcontact.solve.globalisation`
         "snes_linesearch_type": full_steps,
         line_search_limit: 1.0,
         # absolute in PETSc: it would call small units converged

@@ -15,8 +15,7 @@ from pcontact.runtime.petsc import (
     keep_preconditioner,
     newton_reasons,
 )
-from pcontact.solve.balance import Balance
-from pcontact.solve.convergence import ConvergenceTest
+from pcontact.solve.convergence import Balance, ConvergenceTest
 from pcontact.solve.diagnosis import diagnose
 from pcontact.solve.globalisation import Globalisation
 from pcontact.solve.linear import (
@@ -31,9 +30,17 @@ from pcontact.solve.linear import (
     solver_vectors,
     warn_of_krylov,
 )
-from pcontact.solve.preconditioners.contact import MULTIGRID, contact_preconditioner, new_preconditioner, preconditioner
-from pcontact.solve.preconditioners.deflation import Deflation, deflation
-from pcontact.solve.preconditioners.direct import PIVOTS, DirectFallback, factors
+from pcontact.solve.preconditioners import (
+    MULTIGRID,
+    PIVOTS,
+    Deflation,
+    DirectFallback,
+    contact_preconditioner,
+    deflation,
+    factors,
+    new_preconditioner,
+    preconditioner,
+)
 from pcontact.solve.result import NewtonResult, combined
 
 # what PETSc keeps with a matrix for differences on its pattern

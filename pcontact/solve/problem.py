@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pcontact.assembly.pattern import JoinedPattern
+from pcontact.assembly.matrix import JoinedPattern
 from pcontact.runtime import profile
 from pcontact.solve.active_sets import ActiveSets
 from pcontact.solve.essential import EssentialConditions
@@ -25,7 +25,7 @@ class Features:
         Loads of which the report has resultant and mean motion.
     springs : sequence of pcontact.assembly.springs.GroundSprings
     sections : sequence of pcontact.space.constraints.PretensionSection
-    averages : sequence of pcontact.assembly.average.AverageCoupling
+    averages : sequence of pcontact.assembly.coupling.AverageCoupling
         Groups whose mean motion is prescribed; their equations are among the others.
     equations : pcontact.space.constraints.Equations or None
     lower : pcontact.space.constraints.Equations or None
@@ -37,7 +37,7 @@ class Features:
     since : dict of str to int
         Number of the phase at whose beginning the bodies of a contact are as they are in the mesh, by its name.
     loose : sequence of int
-        Bodies whose rigid motions get a coarse space, see `pcontact.solve.preconditioners.deflation`.
+        Bodies whose rigid motions get a coarse space, see `pcontact.solve.preconditioners`.
     stabilised : bool
         Whether the stabilisation is added to the matrix.
     snap : pcontact.assembly.inertia.Snap or None

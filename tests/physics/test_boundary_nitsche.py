@@ -111,7 +111,7 @@ def l2_error(path, order, theta):
         problem, space = simulation.problem, simulation.problem.space
         factor = amplitude(None, 1.0)
         forces = [body_force(space), shear_force(space, "top"), shear_force(space, "bottom")]
-        problem.forces += [(force, factor) for force in forces]
+        problem.forces.loads += [(force, factor) for force in forces]
         problem.conditions.supports.values = lambda time: exact(space.points)[0]
         assert simulation.run()
         constants = [in_plane(*lame(E_MODULUS, NU), "plane_stress")]

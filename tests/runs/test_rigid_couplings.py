@@ -302,7 +302,7 @@ def test_averages_that_are_refused(mesh, couplings, supports, message):
 
 def test_groups_too_large_for_an_average_are_refused(mesh, monkeypatch):
     """Equations couple all nodes of the group."""
-    monkeypatch.setattr("pcontact.assembly.average.MOST", 3)
+    monkeypatch.setattr("pcontact.assembly.coupling.MOST", 3)
     end = Coupling("right", displacement=[0.1, "free"], average=True)
     with pytest.raises(InputError, match="found 'right' on average, a group of 4 nodes; allowed: groups of at most 3"):
         simulated(scene(mesh["square"], [end], (), [Displacement("left", [0, 0])]))

@@ -19,21 +19,22 @@ PIECES = {
     ),
     "finite strain": (
         ("material.finite", "material.log_strain", "assembly.finite", "assembly.finite_kernels",
-         "assembly.deformation"), (),
+         *(f"assembly.measures:{name}" for name in ("principal_stretches", "rotation_vectors", "mean_gradients",
+                                                     "deformation_fields", "Deformation", "deformations"))), (),
     ),
     "contact that moves": (
         ("contact.finite_pair", "contact.formulation.finite", "contact.formulation.finite_geometry",
          "contact.formulation.finite_kernels", "contact.traction.finite"),
         (),
     ),
-    "pressure that follows": (("assembly.follower", "assembly.follower_kernels"), ()),
+    "pressure that follows": (("assembly.follower",), ()),
     "viscous stabilisation": (("assembly.viscous",), ()),
     "springs": (("assembly.springs",), ()),
     "inertia": (("assembly.inertia", "assembly.mass"), ()),
     "pre-tension": (("space.constraints:PretensionSection", "mesh.topology:cut"), ("plane",)),
     "phases": (("assembly.release",), ()),
     "equations": (("space.constraints:Equations", "space.constraints:eliminate"), ()),
-    "rigid groups": (("assembly.constrained", "space.constraints:RigidGroup"), ()),
+    "rigid groups": (("assembly.matrix:ConstrainedMatrix", "space.constraints:RigidGroup"), ()),
     "thermal strain": (("assembly.heat",), ()),
     "bodies that come and go": (
         ("mesh.topology:without", "mesh.topology:missing", "space.space:carried", "assembly.extension",
@@ -48,14 +49,18 @@ PIECES = {
     "tied surfaces": (
         ("contact.law",), (*ASKED, "FrictionLaw", "RowLaw", "project", "bound", "project_rows", "_project_all"),
     ),
-    "unbiased contact": (("contact.unbiased",), ("is_unbiased",)),
-    "penalty": (("contact.formulation.methods",), ("Method",)),
+    "unbiased contact": (("contact.formulation.methods:halved", "contact.formulation.methods:contacts_of_halves"), ()),
+    "penalty": (("contact.formulation.methods:Penalty", "contact.formulation.methods:facet_columns",
+                 "contact.formulation.methods:without_traction"), ()),
     "augmented Lagrangian": (("contact.formulation.augmented",), ()),
     "soft layers": (("contact.formulation.layer",), ()),
     "initial gaps": (("contact.detection:InitialGap",), ()),
     "obstacles": (("contact.surface.obstacle",), ()),
-    "finite shapes": (("contact.surface.shapes",), ()),
-    "rigid meshes": (("contact.surface.rigid_surface", "mesh.read:read_surface"), ()),
+    "finite shapes": (
+        tuple(f"contact.surface.obstacle:{name}"
+              for name in ("punch", "wedge", "turned_around", "drawn_along", "torus")), (),
+    ),
+    "rigid meshes": (("contact.surface.obstacle:RigidSurface", "mesh.read:read_surface"), ()),
     # what says that a cell has none, and what axial symmetry needs, too
     "mean dilatation": (
         ("element.dilatation",), ("Mean", "Dilatation", "linear", "dilatation", "factors", "squares", "hoop_operator"),
@@ -81,7 +86,7 @@ FEATURES = {
     "laws from outside": ["material.point_law"],
     "loads": ["assembly.loads", "assembly.patches"],
     "total loads": ["assembly.coupling"],
-    "means of groups": ["assembly.average"],
+    "means of groups": ["assembly.coupling:AverageCoupling.__init__"],
     "expressions": ["scene.expression"],
     "turning": ["space.turn:Turn.__init__"],
     "groups by place": ["mesh.by_place"],

@@ -3,7 +3,7 @@
 import numpy as np
 
 from meshes.blocks import one_block, two_blocks
-from pcontact.assembly.pattern import JoinedPattern
+from pcontact.assembly.matrix import JoinedPattern
 from pcontact.assembly.solid import Solid
 from pcontact.contact.report import ContactReport
 from pcontact.element.shape import shape, shape_gradient

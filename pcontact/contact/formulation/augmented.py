@@ -33,10 +33,8 @@ leaves nothing behind.
 import numpy as np
 
 from pcontact.contact.formulation.averages import Acting, local_means
-from pcontact.contact.formulation.methods import Penalty
-from pcontact.contact.formulation.parameters import TRACELESS
+from pcontact.contact.formulation.methods import TRACELESS, Penalty, is_unbiased
 from pcontact.contact.law import OPEN
-from pcontact.contact.unbiased import is_unbiased
 from pcontact.runtime.parallel import take_rows
 from pcontact.runtime.petsc import MPI
 

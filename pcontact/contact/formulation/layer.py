@@ -20,8 +20,7 @@ Pressure is per undeformed area of the source, as all tractions of contact at fi
 import numpy as np
 
 from pcontact.contact.formulation.finite import FiniteTerms
-from pcontact.contact.formulation.methods import STIFF, Penalty
-from pcontact.contact.formulation.parameters import TRACELESS
+from pcontact.contact.formulation.methods import STIFF, TRACELESS, Penalty
 from pcontact.contact.formulation.small import SmallTerms
 
 

@@ -91,7 +91,7 @@ def add_residual(parameters, source, partner, operator, traction, force, status,
 
     Parameters
     ----------
-    parameters : pcontact.contact.formulation.parameters.Parameters
+    parameters : pcontact.contact.formulation.methods.Parameters
     source : pcontact.contact.points.SourcePoints
     partner : pcontact.contact.points.PartnerPoints
     operator : pcontact.contact.points.TractionOperator
@@ -172,7 +172,7 @@ def add_tangent(parameters, source, partner, operator, excess, status, slope, bl
 
     Parameters
     ----------
-    parameters : pcontact.contact.formulation.parameters.Parameters
+    parameters : pcontact.contact.formulation.methods.Parameters
     source : pcontact.contact.points.SourcePoints
     partner : pcontact.contact.points.PartnerPoints
     operator : pcontact.contact.points.TractionOperator

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from pcontact.contact.search.exchange import PartnerSearch
-from pcontact.contact.search.query import QueryPoints
+from pcontact.contact.search.partners import PartnerSearch
+from pcontact.contact.search.projection import QueryPoints
 from pcontact.contact.surface.sides import surface_of
 from pcontact.mesh.topology import outer_facets
 from pcontact.runtime.petsc import MPI

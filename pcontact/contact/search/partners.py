@@ -1,13 +1,378 @@
-"""Who is the partner of a source point: a facet of a target surface, or a rigid obstacle."""
+"""Who is the partner of a source point: a facet of a target surface, or a rigid obstacle.
+
+Between ranks: source points go to the ranks whose target facets are near, partners come back.
+"""
 
 from typing import NamedTuple
 
 import numpy as np
 
-from pcontact.contact.search.exchange import find_partners
-from pcontact.contact.search.query import QueryPoints
-from pcontact.runtime.parallel import together
+from pcontact.contact.search.cones import normal_cones
+from pcontact.contact.search.nearest import EVEN, GIVEN_UP, ROUNDING, TIE
+from pcontact.contact.search.projection import QueryPoints, TargetFacets, closest_points, ray_tracing
+from pcontact.contact.search.tree import build_tree
+from pcontact.contact.surface.facet_maps import facet_boxes, padded
+from pcontact.runtime import profile
+from pcontact.runtime.jit import njit_exact
+from pcontact.runtime.parallel import split_by_rank, together
 from pcontact.runtime.petsc import MPI
+
+
+class Found(NamedTuple):
+    """Partner of every source point.
+
+    Attributes
+    ----------
+    id : ndarray (np,)
+        Global number of the target facet, -1 where there is none.
+    y : ndarray (np, d)
+        Point on the deformed target, relative to the origin of the search [length].
+    normal : ndarray (np, d)
+        Contact normal, from source to target.
+    gap : ndarray (np,)
+        Signed distance [length].
+    nodes : ndarray (np, m)
+        Global space nodes of the target facet.
+    shape : ndarray (np, m)
+        Their shape functions at the point.
+    place : ndarray (np, 1 + d)
+        Rank that has the facet, its row there, and the reference point on it.
+    held : ndarray (np,)
+        How the projection is held, see `pcontact.contact.search.projection.Projections`.
+    candidates : int
+        Facets that this rank tried.
+    offset : ndarray (np, d) or None
+        How far the target's smooth surface stands off the partner, where the target knows it [length].
+    facets : ndarray (np, n, d) or None
+        Nodes of the target facets as they were searched, where the search is to tell of them [length].
+    """
+
+    id: np.ndarray
+    y: np.ndarray
+    normal: np.ndarray
+    gap: np.ndarray
+    nodes: np.ndarray
+    shape: np.ndarray
+    place: np.ndarray
+    held: np.ndarray
+    candidates: int
+    offset: np.ndarray | None = None
+    facets: np.ndarray | None = None
+
+
+# boxes around the facets of a rank: the rank with the nearest one is asked first, and should have the partner
+BOXES = 128
+# facets tried for a point before others are asked: more than meet at a node. A rank with the partner tries two on
+# average, and one without it all within the radius, as nothing ends its search
+PATIENCE = 8
+
+
+def _boxes(low, high):
+    """Up to ``BOXES`` boxes around the boxes (nf, d) of facets, by bisection of their centres, shape (BOXES, 2 d)."""
+    d = low.shape[1]
+    out = np.full((BOXES, 2 * d), np.nan)
+    if not len(low):
+        return out
+    centre = 0.5 * (low + high)
+    groups = [np.arange(len(centre))]
+    while len(groups) < BOXES and any(len(g) > 1 for g in groups):
+        halves = []
+        for group in groups:
+            axis = int(np.argmax(np.ptp(centre[group], axis=0)))
+            order = group[np.argsort(centre[group, axis], kind="stable")]
+            halves += [h for h in np.array_split(order, 2) if len(h)]
+        groups = halves
+    for k, group in enumerate(groups):
+        out[k, :d] = low[group].min(axis=0)
+        out[k, d:] = high[group].max(axis=0)
+    return out
+
+
+def _near(boxes, points, radius):
+    """Ranks with a box within the radius of the box around all points: most ranks of many are not looked at again."""
+    if not len(points):
+        return np.zeros(0, dtype=np.int64)
+    d = points.shape[1]
+    apart = np.maximum(boxes[..., :d] - points.max(axis=0), points.min(axis=0) - boxes[..., d:])
+    # boxes that are not there hold NaN, which is not below anything
+    return np.flatnonzero(np.any(np.all(apart <= radius, axis=2), axis=1))
+
+
+@njit_exact
+def nearest_box(boxes, points, radius, out):
+    """Distance (np,) of each point (np, d) to the nearest of some boxes (n, 2 d), inf beyond the radius."""
+    d = points.shape[1]
+    for p in range(points.shape[0]):
+        nearest = np.inf
+        for b in range(boxes.shape[0]):
+            square = 0.0
+            for i in range(d):
+                away = max(boxes[b, i] - points[p, i], points[p, i] - boxes[b, d + i], 0.0)
+                square += away * away
+            if square < nearest:
+                nearest = square
+        out[p] = np.sqrt(nearest) if nearest <= radius * radius else np.inf
+
+
+def route(comm, low, high, points, radius):
+    """Ranks that may hold a partner of each point. *Collective.*
+
+    Parameters
+    ----------
+    comm : MPI.Comm
+    low, high : ndarray (nf, d)
+        Boxes of the deformed target facets of this rank [length].
+    points : ndarray (np, d)
+    radius : float
+        Search radius [length].
+
+    Returns
+    -------
+    ranks : ndarray (n,)
+        The ranks near any of the points, this one first if it is among them.
+    distance : ndarray (n, np)
+        How far the nearest of their boxes is from each point [length]; beyond the radius inf.
+    """
+    d = points.shape[1]
+    boxes = np.empty((comm.size, BOXES, 2 * d))
+    with profile.phase("exchange"):
+        comm.Allgather(_boxes(low, high), boxes)
+    profile.count(gathered_bytes=boxes.nbytes)
+    ranks = _near(boxes, points, radius)
+    ranks = ranks[np.argsort(ranks != comm.rank, kind="stable")]
+    distance = np.empty((len(ranks), len(points)))
+    points = np.ascontiguousarray(points)
+    for rank, row in zip(ranks, distance, strict=True):
+        there = boxes[rank][~np.isnan(boxes[rank, :, 0])]
+        nearest_box(there, points, float(radius), row)
+    return ranks, distance
+
+
+class _Searched:
+    """Facets of this rank under a displacement, with what a search needs and all rounds of it share."""
+
+    def __init__(self, target, x_facets, method, space, criteria, facets):
+        self._rank, numbers = space.comm.rank, space.nodes
+        self._target, self._numbers, self._criteria, self._tell = target, numbers, criteria, facets
+        x, kinds, ids, own, corners = target.around(x_facets)
+        tree, cones = build_tree(*facet_boxes(x, kinds), target.bodies()), None
+        self._exclusion = target.exclusion(tree)
+        self._search = closest_points if method == "closest_point" else ray_tracing
+        if corners is not None and len(kinds) and self._search is closest_points:
+            cones = normal_cones(tree, x, kinds, corners, self._exclusion)
+        self._facets = TargetFacets(tree, x, kinds, ids, own, cones)
+
+    def project(self, asked, radius, patience):
+        """Answers of this rank for some points, and how many facets were tried.
+
+        Returns
+        -------
+        rows : ndarray (n,)
+            The points with a partner here, and those that were given up, whose facet id is `GIVEN_UP`.
+        answers : ndarray (n, columns)
+            Of those: facet id, distance, gap, how it is held, facet size, y, normal, nodes, shape, rank, row and
+            reference point, offset and facet if asked for.
+        candidates : int
+        """
+        target, d = self._target, self._facets.x.shape[2]
+        query, about = QueryPoints(asked[:, :d], asked[:, d : 2 * d], radius, patience), asked[:, 2 * d :]
+        exclusion = None if self._exclusion is None else target.placed(self._exclusion, about)
+        p = self._search(self._facets, query, exclusion=exclusion, **self._criteria)
+        rows = np.flatnonzero(p.facet != -1)
+        facet = np.maximum(p.facet[rows], 0)
+        weights, nodes = target.shape(facet, p.xi[rows]), self._numbers[target.nodes[facet]]
+        parts = [p.id, p.distance, p.gap, p.held, p.size, p.y, p.normal]
+        smooth = [] if target.smooth is None else [target.smooth.at_target(target, facet, p.xi[rows])]
+        facets = [self._facets.x[facet].reshape(len(facet), d * self._facets.x.shape[1])] if self._tell else []
+        place = np.full(len(rows), self._rank), facet, p.xi[rows, : d - 1]
+        out = np.column_stack([*(part[rows] for part in parts), nodes, weights, *place, *smooth, *facets])
+        out = out.astype(float, copy=False)
+        out[p.facet[rows] == GIVEN_UP, 0] = GIVEN_UP
+        return rows, out, int(p.candidates.sum())
+
+
+def _best(points, answers, n_points, d):
+    """Row of ``answers`` that wins for every point (-1: none).
+
+    The rule of the search within one rank (`pcontact.contact.search.projection`), so that the result does not depend on
+    how facets are spread.
+    """
+    winner = np.full(n_points, -1, dtype=np.int64)
+    if not len(points) or np.max(np.bincount(points)) == 1:
+        winner[points] = np.arange(len(points))
+        return winner
+    number, distance, _, held, size = answers[:, :5].T
+    rounding = ROUNDING * np.max(np.abs(answers[:, 5 : 5 + d]), axis=1)
+    rows = np.arange(len(points))
+    even = EVEN * (distance + 0.1 * size) + rounding
+    for key, slack in ((distance, TIE * size), (held, np.zeros(len(rows))), (distance, even)):
+        least = np.full(n_points, np.inf)
+        np.minimum.at(least, points[rows], key[rows])
+        rows = rows[key[rows] <= least[points[rows]] + slack[rows]]
+    order = rows[np.lexsort((number[rows], points[rows]))]
+    unique, first = np.unique(points[order], return_index=True)
+    winner[unique] = order[first]
+    return winner
+
+
+def find_partners(space, target, nodal, query, method, origin=0.0, opposite=False):
+    """Partner of every source point of this rank among the target facets of all ranks. *Collective.*
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    target : pcontact.contact.surface.sides.TargetSurface
+    nodal : ndarray (n_local, d)
+        Displacement of the local nodes [length].
+    query : pcontact.contact.search.projection.QueryPoints
+        Deformed source points, relative to the origin, with one radius for all.
+    method : {"closest_point", "ray_tracing"}
+    origin : ndarray (d,), optional
+        Near the surfaces: the sum of a displacement and a position far from it loses the digits of the displacement.
+    opposite : bool, optional
+        See `pcontact.contact.search.projection.closest_points`.
+
+    Returns
+    -------
+    Found
+    """
+    return PartnerSearch(space, target, nodal, method, origin, opposite=opposite)(query, target.about)
+
+
+class PartnerSearch:
+    """The target facets of all ranks under one displacement, for several searches; as :func:`find_partners`.
+
+    Parameters
+    ----------
+    space, target, nodal, method, origin
+        See :func:`find_partners`.
+    facets : bool, optional
+        Whether searches tell the nodes of the facets that they find, as many on all ranks.
+    criteria
+        ``facing`` and ``opposite`` of :func:`pcontact.contact.search.projection.closest_points`.
+
+    Notes
+    -----
+    The constructor is *Collective*, and so are the calls.
+    """
+
+    def __init__(self, space, target, nodal, method, origin=0.0, facets=False, **criteria):
+        x_facets = np.ascontiguousarray(target.deformed(nodal, origin))
+        self._space, self._target = space, target
+        self._width = int(space.comm.allreduce(target.nodes.shape[1], op=MPI.MAX))
+        target.nodes = padded(target.nodes, self._width)
+        self._searched = _Searched(target, x_facets, method, space, criteria, facets)
+        # columns of an answer: what it begins with, y, normal, nodes, shape functions, place; offset, facet
+        d, more = space.dim, (target.smooth is not None, facets)
+        self._columns = [5, 3 * d + 1 + 2 * self._width, more[0] * d, more[1] * d * target.x.shape[1]]
+        self._boxes = None if space.comm.size == 1 else facet_boxes(x_facets, target.kinds)
+
+    def __call__(self, query, about=None):
+        """Partners of points of this rank, a :class:`Found`; of points on the target itself with what they tell about
+        themselves. *Collective.*"""
+        space, d, width, n_points = self._space, self._space.dim, self._width, len(query.x)
+        asking = np.column_stack([query.x, query.normal, *([] if about is None else [about])])
+        if space.comm.size == 1:
+            count = n_points
+            found, answers, candidates = self._searched.project(asking, query.radius, query.patience)
+        else:
+            found, answers, candidates, count = _remote(
+                space, self._searched, self._boxes, asking, query.radius, sum(self._columns)
+            )
+        profile.count(searches=1, points=n_points, asked=count, candidates=candidates)
+        winner = _best(found, answers, n_points, d)
+        rows = np.flatnonzero(winner >= 0)
+        best = answers[winner[rows]]
+        offset, facets = (np.zeros((n_points, columns)) if columns else None for columns in self._columns[2:])
+        out = Found(
+            np.full(n_points, -1, dtype=np.int64),
+            np.zeros((n_points, d)),
+            np.zeros((n_points, d)),
+            np.zeros(n_points),
+            np.zeros((n_points, width), dtype=np.int64),
+            np.zeros((n_points, width)),
+            np.zeros((n_points, 1 + d)),
+            np.zeros(n_points),
+            candidates,
+            offset,
+            None if facets is None else facets.reshape(n_points, self._target.x.shape[1], d),
+        )
+        out.id[rows], out.gap[rows], out.held[rows] = best[:, 0], best[:, 2], best[:, 3]
+        ends = np.cumsum([5, d, d, width, width, 1 + d, self._columns[2]])
+        _, *parts = np.split(best, ends, axis=1)
+        out.y[rows], out.normal[rows], out.nodes[rows], out.shape[rows], out.place[rows], *rest = parts
+        for told, values in zip((offset, facets), rest, strict=True):
+            if told is not None:
+                told[rows] = values
+        return out
+
+
+def _remote(space, searched, boxes, asking, radius, columns):
+    """Ask the ranks whose boxes are near, answer those who ask here. *Collective.*
+
+    First each point asks the rank with the nearest box, then those others whose boxes are nearer than the partner that
+    it has heard of: most points ask one rank, however many have facets within the search radius. Ranks that have given
+    a point up are asked again last, when the partner that others have bounds what they look at.
+    """
+    ranks, away = route(space.comm, *boxes, asking[:, : space.dim], radius)
+    first, left = np.zeros(away.shape, dtype=bool), np.zeros(away.shape, dtype=bool)
+    if len(ranks):
+        # among equals this rank, then the smallest
+        first[np.argmin(away, axis=0), np.arange(len(asking))] = True
+    farthest, everything = np.full(len(asking), float(radius)), QueryPoints(None, None, radius).patience
+    found, answers, candidates, count = [], [], 0, 0
+    for which, patience in ((first, PATIENCE), (~first, PATIENCE), (left, everything)):
+        k, point = np.nonzero(which & (away <= farthest) & (away < np.inf))
+        rows, table, tried = _ask(space, searched, (asking[point], farthest[point], patience), ranks[k], columns)
+        unknown = table[:, 0] == GIVEN_UP
+        left[k[rows[unknown]], point[rows[unknown]]] = True
+        rows, table = point[rows[~unknown]], table[~unknown]
+        # what is as near, up to rounding, may still win: as an interior projection, or by its smaller number
+        np.minimum.at(farthest, rows, table[:, 1] * (1.0 + 1e-12) + 1e-9 * table[:, 4])
+        found.append(rows)
+        answers.append(table)
+        candidates, count = candidates + tried, count + len(point)
+    return np.concatenate(found), np.concatenate(answers), candidates, count
+
+
+def _ask(space, searched, asked, rank, columns):
+    """Send points to ranks and bring back the answers (columns). *Collective.*
+
+    Parameters
+    ----------
+    asked : (ndarray (n, m), ndarray (n,), int)
+        What is to be known of the points, their search radii [length], and how patient the search is.
+    rank : ndarray (n,)
+        Whom each point asks.
+
+    Returns
+    -------
+    rows : ndarray (m,)
+        Points with an answer, one entry for each.
+    answers, candidates
+        See :meth:`_Searched.project`.
+    """
+    asking, radius, patience = asked
+    n_columns = asking.shape[1] + 1
+    sends, order = split_by_rank(rank, np.column_stack([asking, radius]))
+    asked = space.exchanger(sends, np.float64, n_columns)
+    joined = np.concatenate(list(asked.values())) if asked else np.zeros((0, n_columns))
+    rows, answers, candidates = searched.project(joined[:, :-1], np.ascontiguousarray(joined[:, -1]), patience)
+    # back go the rows, as the one who asked counts them, and the answers
+    ends = np.cumsum([len(a) for a in asked.values()])
+    replies, low = {}, 0
+    for r, end in zip(asked, ends, strict=True):
+        high = low + np.searchsorted(rows[low:], end)
+        own = rows[low:high] - (end - len(asked[r]))
+        replies[r], low = np.column_stack([own, answers[low:high]]), high
+    back, start, parts = space.exchanger(replies, np.float64, columns + 1), 0, []
+    for r in sorted(sends):
+        back[r][:, 0] += start
+        parts.append(back[r])
+        start += len(sends[r])
+    table = np.concatenate([np.zeros((0, columns + 1)), *parts])
+    return order[table[:, 0].astype(np.int64)], table[:, 1:], candidates
+
 
 # [cosine] Smallest one between the normals of a source point and its obstacle.
 FACING = 0.1
@@ -37,7 +402,7 @@ class Partners(NamedTuple):
     offset : ndarray (np, d) or None
         Of the target's smooth surface there, see `pcontact.contact.surface.smooth_geometry`.
     place, held : ndarray or None
-        Of target facets, see `pcontact.contact.search.exchange.Found`.
+        Of target facets, see `pcontact.contact.search.partners.Found`.
     """
 
     gap: np.ndarray

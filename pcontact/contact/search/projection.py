@@ -22,20 +22,90 @@ has no neighbour, and is left to the facing rule. A point inside whose offset le
 closest point by more than some 25 degrees is not behind the surface but beside its border: it has no partner there.
 Where only points `opposite` the surface are asked for, none beside the border has a partner, inside or outside, however
 small that angle: contact that bears tension would pull what juts out over the border towards it.
+
+What a search is asked: the facets that it looks among, the points, and which facets may be partners.
+
+Kernels take these tuples as they are; their arrays are then of the types below, and none is left out.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-from pcontact.contact.search.cones import no_cones
+from pcontact.contact.search.cones import Cones, no_cones
 from pcontact.contact.search.exclusion import no_exclusion, writable
-from pcontact.contact.search.nearest import search_all
-from pcontact.contact.search.query import Criteria, QueryPoints
-from pcontact.contact.search.table import EVEN, TIE
-from pcontact.contact.search.tree import build_tree
-from pcontact.contact.search.walk import ROUNDING
+from pcontact.contact.search.nearest import EVEN, ROUNDING, TIE, search_all
+from pcontact.contact.search.tree import Tree, build_tree
 from pcontact.contact.surface.facet_maps import facet_boxes, simplest_kinds
+
+
+class TargetFacets(NamedTuple):
+    """Facets (nf) among which partners are looked for.
+
+    Attributes
+    ----------
+    tree : Tree
+        Of these facets.
+    x : (nf, m, d) float64
+        Deformed node coordinates [length], m at least the largest node count.
+    kinds : (nf,) int64
+        `facet_maps.KIND`; in kernels the simplest ones, see `facet_maps.simplest_kinds`.
+    ids : (nf,) int64
+        Global facet numbers.
+    own : (nf,) bool or None
+        Facets that may be partners; None: all. The others take part in the decisions about edges and corners, and hide
+        what is behind them where a point projects inside of them: they are its partners for those who own them. A rank
+        that is also given the neighbours of its facets (those that share a node) decides as if it had them all, and
+        `projection.better` of all ranks is then exactly the search in the whole surface.
+    cones : pcontact.contact.search.cones.Cones or None
+        Of these facets and these places: facets that can hold no partner are left out early, and partners stay the
+        same.
+    """
+
+    tree: Tree
+    x: np.ndarray
+    kinds: np.ndarray
+    ids: np.ndarray
+    own: np.ndarray | None = None
+    cones: Cones | None = None
+
+
+class QueryPoints(NamedTuple):
+    """Points (np) that look for a partner.
+
+    Attributes
+    ----------
+    x, normal : (np, d) float64
+        Points [length] and outward normals of the source; a point without a (finite) normal has no partner.
+    radius : (np,) float64 or float
+        Largest distance of a partner [length], in penetration too.
+    patience : int
+        So many facets are tried for a point before it is given up.
+    """
+
+    x: np.ndarray
+    normal: np.ndarray
+    radius: np.ndarray | float
+    patience: int = np.iinfo(np.int64).max
+
+
+class Criteria(NamedTuple):
+    """Which facets may be partners.
+
+    Attributes
+    ----------
+    rays : bool
+        Whether partners are where the normal of the source meets a facet; else they are the nearest.
+    facing : float
+        Smallest nX . n of a partner, in (0, 1).
+    opposite : bool
+        Whether no point beside the border of the surface has a partner there.
+    """
+
+    rays: bool
+    facing: float
+    opposite: bool
+
 
 # cosine: normals up to 78 degrees apart may be partners; sideways neighbours beyond a border may not
 FACING = 0.2
@@ -113,8 +183,8 @@ def closest_points(target, query, facing=FACING, exclusion=None, opposite=False)
 
     Parameters
     ----------
-    target : pcontact.contact.search.query.TargetFacets
-    query : pcontact.contact.search.query.QueryPoints
+    target : pcontact.contact.search.projection.TargetFacets
+    query : pcontact.contact.search.projection.QueryPoints
     facing : float, optional
         Smallest nX . n of a partner, in (0, 1).
     exclusion : pcontact.contact.search.exclusion.Exclusion, optional

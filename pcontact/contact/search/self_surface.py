@@ -6,8 +6,7 @@ import numpy as np
 
 from pcontact.contact.search.exclusion import SLACK, no_exclusion, whole_branches, writable
 from pcontact.contact.surface.facet_maps import padded
-from pcontact.contact.surface.rim import Rim
-from pcontact.contact.surface.sides import FACETS, TargetSurface
+from pcontact.contact.surface.sides import FACETS, Rim, TargetSurface
 from pcontact.runtime.petsc import MPI
 
 # columns of the table before the nodes

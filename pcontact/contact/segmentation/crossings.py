@@ -16,11 +16,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pcontact.contact.search.closest_point import GRID, LocalFacet, closest_on_facet
-from pcontact.contact.search.query import Criteria
-from pcontact.contact.search.ray import ray_on_facet
-from pcontact.contact.search.table import BEHIND, CORNER, EVEN, TIE, TOUCH
-from pcontact.contact.search.walk import ROUNDING
+from pcontact.contact.search.facet import GRID, LocalFacet, closest_on_facet, ray_on_facet
+from pcontact.contact.search.nearest import BEHIND, CORNER, EVEN, ROUNDING, TIE, TOUCH
+from pcontact.contact.search.projection import Criteria
 from pcontact.contact.surface.facet_maps import SEGMENT3, fill_jet, jet_normal, load_nodes, simplest_kinds
 from pcontact.runtime.jit import njit_exact, njit_inner_exact
 
@@ -74,7 +72,7 @@ def crossings(source, interval, partners, criteria, radius):
         In the reference segment.
     partners : (ids (n, 2) int64, nodes (n, 2, 2) int64, x (n, 2, m, 2) float64)
         Of the facets at both ends, see :class:`Brackets`.
-    criteria : pcontact.contact.search.query.Criteria
+    criteria : pcontact.contact.search.projection.Criteria
     radius : float
         Search radius [length].
 
@@ -193,7 +191,7 @@ def _holds(brackets, rules, i, what, s):
     rounding = 0.0
     for k in range(3):
         rounding = max(rounding, ROUNDING * (abs(brackets.source[i, k, 0]) + abs(brackets.source[i, k, 1])))
-    # the search's rule, see `pcontact.contact.search.table.goes_before`
+    # the search's rule, see `pcontact.contact.search.nearest.goes_before`
     if held != other_held and abs(own - other) <= TIE * (size if own < other else other_size) + rounding:
         return held < other_held
     if own < other - EVEN * (other + 0.1 * other_size) - rounding:

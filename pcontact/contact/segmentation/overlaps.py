@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from pcontact.contact.search.exchange import route
+from pcontact.contact.search.partners import route
 from pcontact.contact.search.tree import build_tree
 from pcontact.contact.segmentation.clipping import Polygons, Tiles, clip, tile
 from pcontact.contact.surface.facet_maps import SQUARE_CORNERS, TRIANGLE_CORNERS, facet_boxes

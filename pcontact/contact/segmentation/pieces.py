@@ -19,9 +19,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pcontact.contact.search.exchange import PartnerSearch
-from pcontact.contact.search.projection import FACING
-from pcontact.contact.search.query import Criteria, QueryPoints
+from pcontact.contact.search.partners import PartnerSearch
+from pcontact.contact.search.projection import FACING, Criteria, QueryPoints
 from pcontact.contact.segmentation.crossings import crossings
 from pcontact.contact.segmentation.overlaps import tiles
 from pcontact.contact.surface.sides import at_places, default_quadrature

@@ -1,4 +1,11 @@
-"""The two sides of a contact pair on one rank: quadrature points of the source, facets of the target."""
+"""The two sides of a contact pair on one rank: quadrature points of the source, facets of the target.
+
+Facets of other ranks around those of this one.
+
+Whether a projection is held at an edge, and on which side of the surface a point is there, is decided by all facets
+that share the edge. A rank that knows the neighbours of its facets decides as if it had the whole surface, so that
+partners do not depend on the ranks.
+"""
 
 from dataclasses import dataclass, field, replace
 
@@ -6,7 +13,6 @@ import numpy as np
 
 from pcontact.assembly.geometry import rule_degree
 from pcontact.contact.surface.facet_maps import KIND, padded
-from pcontact.contact.surface.rim import Rim
 from pcontact.element.dilatation import Dilatation, Mean, dilatation, factors, hoop_operator, mean_dilatation
 from pcontact.element.geometry import facet_geometry
 from pcontact.element.quadrature import quadrature
@@ -14,7 +20,81 @@ from pcontact.element.reduced import reduced_gradients
 from pcontact.element.reference import CELLS, facet_area_vectors, facet_nodes, facet_points, reference_nodes
 from pcontact.element.shape import shape, shape_gradient
 from pcontact.element.trace import trace_constant
+from pcontact.runtime.parallel import split_by_rank
 from pcontact.runtime.petsc import MPI
+
+
+class Rim:
+    """Facets of other ranks that share a node with one of this rank's, and the plan that brings their coordinates.
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    nodes : ndarray (nf, m)
+        Global nodes of this rank's facets.
+    kinds, ids : ndarray (nf,)
+        As of `pcontact.contact.surface.sides.TargetSurface`.
+    x : ndarray (nf, n, d)
+        Reference coordinates [length], of the same width on all ranks.
+    table : ndarray (nf, k), optional
+        What else is to be known of them, of the same width on all ranks.
+
+    Attributes
+    ----------
+    kinds, ids, x, table
+        Of the facets of other ranks.
+
+    Notes
+    -----
+    *Collective.*
+    """
+
+    def __init__(self, space, nodes, kinds, ids, x, table=None):
+        self._exchanger = space.exchanger
+        shared = neighbours(space, nodes)
+        table = np.zeros((len(kinds), 0)) if table is None else table
+        self._rows = {rank: np.flatnonzero(np.isin(nodes, there).any(axis=1)) for rank, there in shared.items()}
+        statics = np.column_stack([kinds, ids, table]).astype(float)
+        columns = self._bring(statics)
+        self.kinds, self.ids = (np.ascontiguousarray(columns[:, k].astype(np.int64)) for k in (0, 1))
+        self.table = columns[:, 2:]
+        self.x = self.gather(x)
+
+    def _bring(self, values):
+        """Rows (n, columns) of the rim out of those of all ranks' surfaces (nf, columns). *Collective.*"""
+        sends = {rank: values[rows] for rank, rows in self._rows.items()}
+        received = self._exchanger(sends, np.float64, values.shape[1])
+        return np.concatenate([np.zeros((0, values.shape[1])), *received.values()])
+
+    def gather(self, x_facets):
+        """Coordinates (n, m, d) of the rim's facets. *Collective.*"""
+        shape = x_facets.shape[1:]
+        return self._bring(x_facets.reshape(len(x_facets), shape[0] * shape[1])).reshape(-1, *shape)
+
+
+def neighbours(space, nodes):
+    """Other ranks whose facets have nodes of these (nf, m), and which, by rank. *Collective.*
+
+    The owner of a node hears of all ranks that have facets with it and tells each of them of the others.
+    """
+    mine = np.unique(nodes)
+    sends, _ = split_by_rank(space.numbering.owner(mine), mine)
+    heard = space.exchanger(sends, np.int64, 1)
+    node = np.concatenate([np.zeros(0, np.int64), *(part.ravel() for part in heard.values())])
+    rank = np.concatenate([np.zeros(0, np.int64), *(np.full(len(part), r) for r, part in heard.items())])
+    order = np.argsort(node, kind="stable")
+    node, rank = node[order], rank[order]
+    _, first, place, count = np.unique(node, return_index=True, return_inverse=True, return_counts=True)
+    # every rank of a node with every other
+    one = np.repeat(np.arange(len(node)), count[place])
+    start = np.cumsum(count[place]) - count[place]
+    other = first[place[one]] + np.arange(len(one)) - start[one]
+    pairs = np.column_stack([node[one], rank[other]])[rank[one] != rank[other]]
+    sends, _ = split_by_rank(rank[one][rank[one] != rank[other]], pairs)
+    told = space.exchanger(sends, np.int64, 2)
+    pairs = np.concatenate([np.zeros((0, 2), np.int64), *told.values()])
+    return split_by_rank(pairs[:, 1], pairs[:, 0])[0]
+
 
 # facets per cell at most: global facet number = cell number * FACETS + local facet
 FACETS = 6
@@ -52,7 +132,7 @@ class SourceSurface:
         Constant of the trace inequality of the parent cell, times the number of its facets in the surface
         [stress/length].
     shear : ndarray (nf,)
-        Part of it that tangential tractions need, see `pcontact.contact.formulation.parameters`; 1 where nothing asks.
+        Part of it that tangential tractions need, see `pcontact.contact.formulation.methods`; 1 where nothing asks.
     size : ndarray (nf,)
         Diameter of the facets [length].
     components : ndarray (nf,)
@@ -341,7 +421,7 @@ class TargetSurface:
         Of the displacement.
     smooth : pcontact.contact.surface.smooth_geometry.SmoothSurface or None
         What searches are to tell of; on all ranks or on none.
-    rim : pcontact.contact.surface.rim.Rim or None
+    rim : pcontact.contact.surface.sides.Rim or None
         Facets of other ranks around those of this one; None on one rank.
     """
 

@@ -28,8 +28,7 @@ these heights and slopes at vertices and middles: the leading error of the inter
 import numpy as np
 
 from pcontact.contact.law import OPEN
-from pcontact.contact.surface.rim import neighbours
-from pcontact.contact.surface.sides import FACETS
+from pcontact.contact.surface.sides import FACETS, neighbours
 from pcontact.contact.surface.vertex_normals import (
     EDGE,
     FLAT,

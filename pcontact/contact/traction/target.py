@@ -32,7 +32,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact.contact.points import Excess
-from pcontact.contact.search.table import EDGE
+from pcontact.contact.search.nearest import EDGE
 from pcontact.contact.surface.sides import at_places, source_surface
 from pcontact.contact.traction.small import LocalCells, Traction
 from pcontact.element.reference import CELLS, facet_nodes

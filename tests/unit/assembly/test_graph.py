@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pcontact.assembly.graph import find, multiply, node_graph
-from pcontact.assembly.pattern import positions, union
+from pcontact.assembly.matrix import positions, union
 from tests.support.small import dense
 
 

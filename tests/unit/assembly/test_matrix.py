@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from pcontact.assembly.graph import find, node_graph
-from pcontact.assembly.matrix import GlobalMatrix
-from pcontact.assembly.pattern import OwnedRows
+from pcontact.assembly.matrix import GlobalMatrix, OwnedRows
 from pcontact.contact.pair import contact_pair
 from pcontact.contact.surface.sides import source_surface, target_surface
 from pcontact.runtime.errors import InputError

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from pcontact.assembly.constrained import ConstrainedMatrix
-from pcontact.assembly.matrix import GlobalMatrix
+from pcontact.assembly.matrix import ConstrainedMatrix, GlobalMatrix
 from pcontact.assembly.operator import Operator
 from pcontact.runtime.petsc import MPI, PETSc
 from pcontact.scene import amplitude

@@ -4,10 +4,9 @@ import h5py
 import numpy as np
 import pytest
 from mpi4py import MPI
-from pcontact.io.parts import Cloud, Piece
 
 from pcontact.io import vtu
-from pcontact.io.fields import FieldWriter
+from pcontact.io.fields import Cloud, FieldWriter, Piece
 from pcontact.io.result import load_result
 from pcontact.runtime.errors import InputError, OutputError
 from tests.support.disk import full

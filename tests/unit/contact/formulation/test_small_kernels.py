@@ -5,7 +5,7 @@ import pytest
 
 from pcontact.assembly.graph import BlockRows, node_graph
 from pcontact.contact.formulation import small_kernels as kernels
-from pcontact.contact.formulation.parameters import Parameters
+from pcontact.contact.formulation.methods import Parameters
 from pcontact.contact.law import OPEN, SLIP, STICK, project_rows
 from pcontact.contact.points import PartnerPoints, SourcePoints, TractionOperator, interpolate, no_excess
 from pcontact.contact.traction.small import FacetCells, fill_rows, tractions

@@ -15,7 +15,7 @@ from pcontact.runtime.petsc import MPI
 from pcontact.scene import describe, validate
 from pcontact.scene.model import Body, Contact, Displacement, Load, Obstacle
 from pcontact.simulation import Simulation
-from pcontact.solve.preconditioners.deflation import rigid_motions
+from pcontact.solve.preconditioners import rigid_motions
 from pcontact.space.modes import near_pairs
 from tests.support.blocks import blocks
 from tests.support.pairs import by_key
@@ -162,7 +162,7 @@ def test_own_body_is_passed_by(tmp_path):
         case = blocks(path, [Contact(all=True, self_contact=own, search_radius=0.2)])
         case.displacements[1].value = [0.0, 0.0]
         simulation = summary_of(case)[2]
-        counts.append(simulation.problem.items[1].candidates)
+        counts.append(simulation.problem.items[1].search.among.candidates)
     assert counts[0] == 0 and counts[1] > 0
 
 

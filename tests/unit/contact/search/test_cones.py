@@ -5,8 +5,7 @@ import pytest
 
 from meshes import spring
 from pcontact.contact.search.cones import normal_cones
-from pcontact.contact.search.projection import closest_points
-from pcontact.contact.search.query import QueryPoints, TargetFacets
+from pcontact.contact.search.projection import QueryPoints, TargetFacets, closest_points
 from pcontact.contact.search.self_surface import self_surface
 from pcontact.contact.search.tree import build_tree
 from pcontact.contact.surface.facet_maps import facet_boxes

@@ -3,17 +3,18 @@
 import numpy as np
 import pytest
 
-from pcontact.contact.search.exchange import nearest_box
+from pcontact.contact.search.partners import nearest_box
 from pcontact.contact.search.projection import (
     FACING,
     NO_ID,
+    QueryPoints,
+    TargetFacets,
     better,
     closest_points,
     no_projections,
     ray_tracing,
     surface_tree,
 )
-from pcontact.contact.search.query import QueryPoints, TargetFacets
 from pcontact.contact.search.tree import LEAF_SIZE, build_tree
 from pcontact.contact.surface.facet_maps import MAX_NODES, NODE_COUNTS, facet_boxes, facet_shapes, fill_shapes
 

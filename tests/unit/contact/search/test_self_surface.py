@@ -5,12 +5,12 @@ import pytest
 
 from drivers._common import make_mesh, running
 from meshes import c_strip
+from pcontact.contact.formulation.methods import contacts_of_halves, halved
 from pcontact.contact.pair import contact_pair
-from pcontact.contact.search.exchange import find_partners
-from pcontact.contact.search.query import QueryPoints
+from pcontact.contact.search.partners import find_partners
+from pcontact.contact.search.projection import QueryPoints
 from pcontact.contact.search.self_surface import self_surface
 from pcontact.contact.surface.sides import source_surface, target_surface
-from pcontact.contact.unbiased import contacts_of_halves, halved
 from pcontact.mesh.distribute import distribute
 from pcontact.mesh.read import read_mesh
 from pcontact.mesh.topology import components

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pcontact.assembly.geometry import bulk_degree
-from pcontact.contact.formulation.parameters import GAMMA0
+from pcontact.contact.formulation.methods import GAMMA0
 from pcontact.contact.law import OPEN, SLIP, STICK
 from pcontact.contact.surface.sides import source_surface
 from pcontact.contact.traction.small import Traction, extrapolation

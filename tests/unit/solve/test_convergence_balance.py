@@ -7,7 +7,7 @@ from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Output, Scene
 from pcontact.simulation import Simulation
-from pcontact.solve.balance import VAIN, Balance
+from pcontact.solve.convergence import VAIN, Balance
 from pcontact.space.modes import free_motions
 
 WORLD = MPI.COMM_WORLD

@@ -9,9 +9,8 @@ from drivers.cases.hertz import generate, make_options, make_scene
 from drivers.cases.patch import errors, scene
 from drivers.cases.rings import measure, ring_scene
 from meshes import rings, two_blocks
-from pcontact.contact.formulation.parameters import GAMMA0
+from pcontact.contact.formulation.methods import GAMMA0, contacts_of_halves, halved
 from pcontact.contact.law import OPEN, SLIP, STICK
-from pcontact.contact.unbiased import contacts_of_halves, halved
 from pcontact.material.hardening import hardening_curve
 from pcontact.material.plastic import plastic_constants
 from pcontact.runtime.petsc import MPI

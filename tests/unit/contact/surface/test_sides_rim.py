@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from pcontact.contact.search.exchange import PATIENCE, find_partners
-from pcontact.contact.search.query import QueryPoints
+from pcontact.contact.search.partners import PATIENCE, find_partners
+from pcontact.contact.search.projection import QueryPoints
 from pcontact.contact.surface.sides import target_surface
 from pcontact.mesh import distribute
 from pcontact.runtime import profile

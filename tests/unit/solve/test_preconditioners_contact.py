@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-import pcontact.solve.preconditioners.contact as filter_module
+import pcontact.solve.preconditioners as filter_module
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import MPI, PETSc
 from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Output, Scene
 from pcontact.simulation import Simulation
-from pcontact.solve.preconditioners.contact import ContactPreconditioner, preconditioner
+from pcontact.solve.preconditioners import ContactPreconditioner, preconditioner
 from tests.support.small import blocks_file
 
 COMM = MPI.COMM_WORLD

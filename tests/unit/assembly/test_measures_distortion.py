@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from pcontact.assembly.distortion import SLIGHT, Distortion, distortions
 from pcontact.assembly.geometry import some_cells_weighted
+from pcontact.assembly.measures import SLIGHT, Distortion, distortions
 from pcontact.assembly.solid import Solid
 from pcontact.material.elastic import lame
 from pcontact.material.hardening import hardening_curve

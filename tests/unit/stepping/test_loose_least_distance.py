@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pcontact.solve.least_distance import least_squares_of_positive, nearest_point
+from pcontact.stepping.loose import least_squares_of_positive, nearest_point
 
 
 def test_nearest_point():

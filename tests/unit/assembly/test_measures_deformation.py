@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pcontact.assembly.deformation import rotation_vectors
+from pcontact.assembly.measures import rotation_vectors
 from tests.support.finite import finite_bulk, finite_grid, finite_space
 from tests.support.small import vector_of
 

@@ -4,7 +4,7 @@ import meshio
 import numpy as np
 import pytest
 
-from pcontact.contact.surface.rigid_surface import RigidSurface
+from pcontact.contact.surface.obstacle import RigidSurface
 from pcontact.mesh.read import read_surface
 from pcontact.runtime.errors import InputError
 
