@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from pcontact.io.result import load_result
 from pcontact.runtime.errors import InputError
-from pcontact.view import camera, cells, profile, render, shapes
+from pcontact.view import camera, cells, curves, shapes
 from pcontact.view.colours import DPI, INK, PALE, STYLE, colour_scale, save
 from pcontact.view.quantity import find
 
@@ -209,7 +209,7 @@ class Stage:
 
 def around_contact(stage, points):
     """Corners (8, 3) of a box around the contact, within that of some points; without contact these (n, 3)."""
-    touching = profile.touching(stage)
+    touching = curves.touching(stage)
     if not len(touching):
         return points
     low, high = touching.min(axis=0), touching.max(axis=0)
@@ -258,8 +258,8 @@ class _Row:
         else:
             inset = np.array(spot) + (0.05, 0.06, -0.06, -0.10) if view != "detail" else spot
             axes = self._axes(inset)
-            curved = profile.is_curved(stage) if view == "detail" else view == "unrolled"
-            profile.draw(axes, stage, curved)
+            curved = curves.is_curved(stage) if view == "detail" else view == "unrolled"
+            curves.draw(axes, stage, curved)
             if named:
                 axes.set_title(view, fontsize=9, loc="left")
 
@@ -280,16 +280,16 @@ class _Row:
         if view == "near":
             seen = around_contact(stage, seen)
         window = camera.fit(seen, eye, size)
-        pixels = render.image(shape, eye, window, size, stage.colours)
+        pixels = shapes.image(shape, eye, window, size, stage.colours)
         if self.quantity.place == "surfaces" and stage.solid:
             facets = stage.contact_shape(self.quantity.values, "drop" if stage.none_if_open else "keep")
-            pixels = render.through_glass(render.image(facets, eye, window, size, stage.colours), pixels)
+            pixels = shapes.through_glass(shapes.image(facets, eye, window, size, stage.colours), pixels)
         axes.imshow(np.clip(pixels, 0, 1), extent=window, origin="upper", interpolation="none", aspect="auto")
         axes.set_axis_off()
         if self.quantity.place == "points":
             self._cloud(axes, eye)
         elif self.quantity.place == "surfaces" and not stage.solid:
-            profile.on_bodies(axes, stage)
+            curves.on_bodies(axes, stage)
         if stage.solid:
             self._triad(eye, spot)
         else:
@@ -309,7 +309,7 @@ class _Row:
         eye = camera.from_above(patch, patch.points)
         size = self._shape(axes)
         window = self._close(shape, patch, eye, size)
-        pixels = render.image(shape, eye, window, size, stage.colours)
+        pixels = shapes.image(shape, eye, window, size, stage.colours)
         axes.imshow(np.clip(pixels, 0, 1), extent=window, origin="upper", interpolation="none", aspect="auto")
         axes.set_title(name, fontsize=9, loc="left")
         across = [int(np.argmax(np.abs(row))) for row in eye.axes[:2]]

@@ -41,18 +41,18 @@ def show(directory, options):
         found = ", ".join(values["views"])
         raise InputError(f"command line: -views: found {found} in a page; allowed: {', '.join(TURNED)}")
     if output is None and turned and extra.has_display():
-        from pcontact.view.live import window
+        from pcontact.view.export import window
 
         window(directory, field, -1 if step is None else step, **values)
         return None
     extra.prepare_off_screen()
     if suffix in PAGES:
-        from pcontact.view.live import page
+        from pcontact.view.export import page
 
         return page(directory, field, output, step, **values)
     step = -1 if step is None else step
     if suffix in MOVIES:
-        from pcontact.view.movie import movie
+        from pcontact.view.export import movie
 
         return movie(directory, field, output, **values)
     from pcontact.view.picture import picture
@@ -73,7 +73,7 @@ def draw_errors(directory):
     ------
     InputError, OutputError
     """
-    from pcontact.view.plot import plot_errors
+    from pcontact.view.curves import plot_errors
 
     plot_errors(directory, directory / "errors.png")
     if has_fields(directory):
@@ -100,6 +100,6 @@ def plot_history(operands, options):
     """
     values = read_all("plot", PLOT, options)
     extra.require(("matplotlib",))
-    from pcontact.view.plot import plot
+    from pcontact.view.curves import plot
 
     return plot(operands[0], operands[1:], values.get("o"), values.get("size", (1000, 700)))

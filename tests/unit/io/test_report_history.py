@@ -5,7 +5,7 @@ import csv
 import numpy as np
 
 from pcontact.io.report import History, flatten
-from pcontact.view.plot import table
+from pcontact.view.curves import table
 from tests.support.records import step_row
 
 

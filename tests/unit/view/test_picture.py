@@ -4,7 +4,6 @@ import base64
 import io
 import json
 import re
-import shutil
 import subprocess
 import sys
 import zipfile
@@ -29,10 +28,9 @@ from pcontact.view.show import show
 pytest.importorskip("pyvista")
 extra.prepare_off_screen()
 
-from pcontact.view import live  # noqa: E402
-from pcontact.view.live import page  # noqa: E402
-from pcontact.view.movie import movie  # noqa: E402
-from pcontact.view.picture import Look, picture  # noqa: E402
+from pcontact.view import export  # noqa: E402
+from pcontact.view.export import movie, page  # noqa: E402
+from pcontact.view.picture import Look, picture, staged  # noqa: E402
 
 SMALL = (480, 320)
 
@@ -328,7 +326,7 @@ def test_movies_show_all_load_steps(tmp_path):
         first = np.asarray(film.convert("RGB"), dtype=int)
         film.seek(2)
         assert np.abs(first - np.asarray(film.convert("RGB"))).mean() > 1.0
-    if shutil.which("ffmpeg") or not extra.missing(("imageio_ffmpeg",)):
+    if not extra.missing(("imageio_ffmpeg",)):
         path = movie(tmp_path, "displacement", tmp_path / "a.mp4", size=SMALL)
         assert path.read_bytes()[4:8] == b"ftyp"
 
@@ -366,7 +364,7 @@ def test_windows_and_pages_have_several_views(solid_run, monkeypatch):
     """Side by side; what is drawn flat is no view of theirs."""
     pytest.importorskip("trame_vtk")
     look = Look(views=("whole", "cut", "near"))
-    plotter, titles = live._plotter(solid_run, "displacement", -1, look, off_screen=True)
+    plotter, titles = export._plotted(staged(load_result(solid_run), "displacement", look), look, off_screen=True)
     try:
         assert plotter.shape == (1, 3) and titles.count("(near)") == 1
         scales = [renderer.camera.parallel_scale for renderer in plotter.renderers]

@@ -1,4 +1,6 @@
-"""Results to be turned by hand: in a window, or in a page of their own that a browser shows without a network."""
+"""Results that move: load steps as an animated picture or a film; and results to be turned by hand, in a window, or in a
+page of their own that a browser shows without a network.
+"""
 
 import base64
 import html
@@ -10,14 +12,17 @@ from pathlib import Path
 
 import numpy as np
 import pyvista
+from PIL import Image
 
 from pcontact.io.result import load_result
 from pcontact.runtime.files import written_aside
-from pcontact.view import render
-from pcontact.view.movie import in_the_same_colours
-from pcontact.view.picture import Look, around_contact, staged
-from pcontact.view.quantity import available, find
+from pcontact.view import extra, shapes
+from pcontact.view.colours import colour_scale
+from pcontact.view.picture import Look, around_contact, compose, staged
+from pcontact.view.quantity import Quantity, available, find
 
+LENGTH, SLOWEST, FASTEST = 6.0, 0.5, 0.04  # [s] of all, and how long one load step is shown at most and at least
+LAST = 4  # how often the last one is shown
 _GLASS = 0.35  # opacity of bodies that hide what lies between them
 _ROOM = 0.8  # [-] of a panel for the bodies: the colour bar stands beside them
 _LINE = 6.0  # [pixels] width of the contact surfaces of plane bodies
@@ -27,13 +32,114 @@ _OFFERED = ("contact_pressure", "equivalent_stress", "displacement", "equivalent
 _SCENES = 24
 
 
-def _plotter(directory, field, step, look, off_screen):
-    """All fields and views side by side, in a plotter, and the words above them."""
-    return _plotted(staged(load_result(directory, step), field, look), look, off_screen)
+def movie(directory, field=None, output="movie.gif", **look):
+    """Draw all load steps in the same colours, from the same place. Serial.
+
+    Parameters
+    ----------
+    directory : str or Path
+        The output directory of a run.
+    field : str, optional
+        As of :func:`pcontact.view.picture.picture`.
+    output : str or Path
+        .gif or .mp4.
+    **look
+        See :class:`pcontact.view.picture.Look`.
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    InputError
+        There are no fields, no field of that name, or no imageio-ffmpeg for .mp4.
+    OutputError
+        The file cannot be written.
+    """
+    output, look = Path(output), Look(**{"size": (1280, 800), **look})
+    film = output.suffix.lower() == ".mp4"
+    if film:
+        extra.require(("imageio_ffmpeg",))
+    last = load_result(directory)
+    results = [load_result(directory, step + 1) for step in range(len(last.times))]
+    stages = in_the_same_colours(staged(last, field, look), results)
+    frames = []
+    for row in zip(*stages, strict=True):
+        figure = compose(list(row), look)
+        figure.canvas.draw()
+        frames.append(np.asarray(figure.canvas.buffer_rgba())[..., :3].copy())
+    seconds = float(np.clip(LENGTH / len(frames), FASTEST, SLOWEST))
+    frames += frames[-1:] * LAST
+    with written_aside(output, "-o") as part:
+        if film:
+            _film(frames, seconds, part)
+        else:
+            first, *rest = (Image.fromarray(frame).quantize(256, dither=Image.Dither.NONE) for frame in frames)
+            first.save(part, "GIF", save_all=True, append_images=rest, duration=int(1000 * seconds), loop=0)
+    return output
+
+
+def in_the_same_colours(stages, results):
+    """Stages of all load steps in the same colours, from the same place.
+
+    Parameters
+    ----------
+    stages : list of pcontact.view.picture.Stage
+        Of one of them: what is drawn, and from where.
+    results : list of pcontact.io.result.Result
+        Of each load step.
+
+    Returns
+    -------
+    list of list of pcontact.view.picture.Stage
+        For each of the stages, of each load step.
+    """
+    found = []
+    for stage in stages:
+        every = [find(result, stage.quantity.name) for result in results]
+        values = {str(k): quantity.all_values for k, quantity in enumerate(every)}
+        stage.colours = colour_scale(_of_all(stage.quantity, values), _maps())
+        ends = [_corners(stage.at(result, quantity, None).positions)
+                for result, quantity in ((results[0], every[0]), (results[-1], every[-1]))]  # fmt: skip
+        window = np.concatenate(ends)
+        found.append([stage.at(result, quantity, window) for result, quantity in zip(results, every, strict=True)])
+    return found
+
+
+def _maps():
+    import matplotlib
+
+    return matplotlib.colormaps
+
+
+def _of_all(quantity, values):
+    """The quantity of all load steps, for its colours."""
+    return Quantity(quantity.name, quantity.place, quantity.at, values, quantity.whole)
+
+
+def _corners(points):
+    """Few points with the same extent from nearly any side: those that are outermost in some directions."""
+    directions = np.array([[x, y, z] for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if x or y or z])
+    more = np.array([[x, y, z] for x in (-2, -1, 1, 2) for y in (-2, -1, 1, 2) for z in (-2, -1, 1, 2)])
+    return points[np.unique(np.argmax(points @ np.concatenate([directions, more]).T, axis=0))]
+
+
+def _film(frames, seconds, path):
+    """Code frames as H.264, which needs even numbers of pixels."""
+    from imageio_ffmpeg import write_frames
+
+    height, width = (n - n % 2 for n in frames[0].shape[:2])
+    coder = write_frames(str(path), (width, height), fps=1 / seconds, codec="libx264", macro_block_size=2,
+                         ffmpeg_log_level="error", output_params=["-r", "25", "-movflags", "+faststart"])  # fmt: skip
+    coder.send(None)
+    for frame in frames:
+        coder.send(np.ascontiguousarray(frame[:height, :width]))
+    coder.close()
 
 
 def _plotted(stages, look, off_screen):
-    """The same of stages."""
+    """Stages and views side by side, in a plotter, and the words above them."""
     panels = [(stage, view) for stage in stages for view in (look.views or ("whole",))]
     titles = []
     plotter = pyvista.Plotter(shape=(1, len(panels)), off_screen=off_screen, window_size=look.size, border=False)
@@ -42,14 +148,14 @@ def _plotted(stages, look, off_screen):
         plotter.set_background("white")
         plane, eye = stage.cut(view)
         between = stage.quantity.place == "surfaces"
-        lift = render.LIFT * np.ptp(stage.positions, axis=0).max() * eye.axes[2]
+        lift = shapes.LIFT * np.ptp(stage.positions, axis=0).max() * eye.axes[2]
         shape = stage.body_shape(plane)
         # surfaces of plane bodies are lines, which nothing hides
         glass = _GLASS if between and stage.solid else 1.0
-        render.add(plotter, shape, stage.colours, opacity=glass, lift=lift)
+        shapes.add(plotter, shape, stage.colours, opacity=glass, lift=lift)
         if between:
             facets = stage.contact_shape(stage.quantity.values, "drop" if stage.none_if_open else "keep")
-            render.add(plotter, facets, stage.colours, lift=lift, thick=_LINE)
+            shapes.add(plotter, facets, stage.colours, lift=lift, thick=_LINE)
         enlarged = "true to scale" if stage.factor == 1 else f"displacements x {stage.factor:g}"
         named = f" ({view})" if len(look.views) > 1 else ""
         words = f"{stage.quantity.label.capitalize()}{named}\ntime {stage.result.time:g}, {enlarged}"
@@ -91,7 +197,8 @@ def _bar(plotter, stage, column):
 
 def window(directory, field=None, step=-1, **look):
     """Open a window and wait till it is closed; the parameters are those of :func:`pcontact.view.picture.picture`."""
-    plotter, _ = _plotter(directory, field, step, Look(**look), off_screen=False)
+    look = Look(**look)
+    plotter, _ = _plotted(staged(load_result(directory, step), field, look), look, off_screen=False)
     plotter.show(title=str(directory))
 
 

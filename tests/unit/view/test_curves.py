@@ -4,7 +4,7 @@ import pytest
 from matplotlib.image import imread
 
 from pcontact.runtime.errors import InputError
-from pcontact.view.plot import plot
+from pcontact.view.curves import plot
 from pcontact.view.show import plot_history
 
 
