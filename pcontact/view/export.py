@@ -1,5 +1,5 @@
-"""Results that move: load steps as an animated picture or a film; and results to be turned by hand, in a window, or in a
-page of their own that a browser shows without a network.
+"""Results that move: load steps as an animated picture or a film; and results to be turned by hand, in a window, or in
+a page of their own that a browser shows without a network.
 """
 
 import base64

@@ -1,5 +1,5 @@
-"""Bodies and contact surfaces as VTK's meshes (skin, section, lines of the mesh), and these as pixels, without a display,
-or in a plotter that people turn.
+"""Bodies and contact surfaces as VTK's meshes (skin, section, lines of the mesh), and these as pixels, without a
+display, or in a plotter that people turn.
 """
 
 from dataclasses import dataclass, field
