@@ -179,7 +179,7 @@ def running(
     directory : str, pathlib.Path or None
         Where the run's report, history and fields go; None: nothing is written.
     observers : sequence
-        Further observers, see :class:`pcontact.stepping.stepper.Observer`.
+        Further observers, see :class:`pcontact.runtime.observer.Observer`.
     mesh : pcontact.mesh.mesh.Mesh, optional
         Absent: that of the scene's file.
 

@@ -87,7 +87,7 @@ class OwnedRows:
 
     Parameters
     ----------
-    numbering : pcontact.space.numbering.Numbering
+    numbering : pcontact.space.space.Numbering
     exchanger : pcontact.runtime.parallel.Exchanger
     nodes : ndarray (n,)
         Global numbers of the local rows and columns.
@@ -421,7 +421,7 @@ class ConstrainedMatrix:
     space : pcontact.space.space.Space
     fixed : ndarray (n_local, d) of bool
         Prescribed components.
-    groups : list of pcontact.space.rigid.RigidGroup or pcontact.space.section.PretensionSection
+    groups : list of pcontact.space.constraints.RigidGroup or pcontact.space.constraints.PretensionSection
 
     Attributes
     ----------

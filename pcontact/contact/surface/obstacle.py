@@ -30,7 +30,7 @@ class RigidSurface:
 
     Parameters
     ----------
-    surface : pcontact.mesh.surface.FacetSurface
+    surface : pcontact.mesh.read.FacetSurface
     inside : bool
         The free space is on the other side than that where normals look to.
 

@@ -198,7 +198,7 @@ class Origin:
         Numbers of the cells of the base.
     path : ndarray (n_cells,) uint64
     level : ndarray (n_cells,) int64
-        See `pcontact.mesh.refinement.simplices` and `pcontact.mesh.refinement.grids`.
+        See `pcontact.mesh.refinement.simplices` and `pcontact.mesh.refinement.numbering`.
     keys : ndarray (n_nodes,) uint64
         Of the nodes, see `pcontact.mesh.refinement.simplices`.
     places : ndarray (n_nodes, d) or None

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pcontact.assembly.item import LAW, Item
+from pcontact.assembly.item import ActiveSet, Item
 from pcontact.contact.active_set import AGAIN, BORNE, still_closed, turned, weakest
 from pcontact.runtime.petsc import MPI
-from pcontact.solve.problem import Problem
+from pcontact.solve.active_sets import ActiveSets
 from tests.support.few_unknowns import FewUnknowns, solved
 
 SELF = MPI.COMM_SELF
@@ -51,10 +51,14 @@ def test_turned():
     assert turned(closed, paired, tau, area).tolist() == [3.0, 2.0, 4.0, 1.0]
 
 
-class Bed(Item):
+class Bed(Item, ActiveSet):
     """Springs under the nodes of a beam, which bear pressure only."""
 
     name = "pair"
+
+    @property
+    def active(self):
+        return self
 
     def __init__(self, n, stiffness):
         self.stiffness, self.area = stiffness, np.ones(n)
@@ -72,6 +76,9 @@ class Bed(Item):
         self.closed = self._allowed(rule) & (w <= 0.0)
         return np.diag(np.where(self.closed, self.stiffness, 0.0))
 
+    def closed_area(self):
+        return float(self.closed.sum())
+
     def turned(self, u):
         return turned(self.closed, np.ones_like(self.closed), u.getArray(readonly=True), self.area)
 
@@ -82,8 +89,6 @@ class Bed(Item):
 class Beam(FewUnknowns):
     """Half a beam without weight on a bed of springs, pressed down in the middle (the first node)."""
 
-    recede, turned, by_law = Problem.recede, Problem.turned, (LAW,)
-
     def __init__(self, n, stiffness):
         bend = np.diff(np.eye(n + 1), 2, axis=0)
         # the slope is zero in the middle: what is beyond the first node mirrors the second one
@@ -92,18 +97,15 @@ class Beam(FewUnknowns):
         self._force[0] = -1.0
         super().__init__(n, None, None, 1.0, lambda u: np.abs(self._bend) @ np.abs(u) + stiffness * np.abs(u))
         self.others = [Bed(n, stiffness)]
-        self.active = [(self.others[0], self.others[0])]
+        self.active = ActiveSets(self.space, self.others, False)
 
     def residual(self, u, f, rules=None):
         w = u.getArray(readonly=True)
-        f.setArray(self._bend @ w - self._force - self.others[0].pressures(w, (rules or self.by_law)[0]))
+        f.setArray(self._bend @ w - self._force - self.others[0].pressures(w, (rules or self.active.by_law)[0]))
 
     def tangent(self, u, rules=None, predicted=False):
-        self._tangent = lambda w: self._bend + self.others[0].slopes(w, (rules or self.by_law)[0])
+        self._tangent = lambda w: self._bend + self.others[0].slopes(w, (rules or self.active.by_law)[0])
         super().tangent(u, rules, predicted)
-
-    def closed_area(self):
-        return float(self.others[0].closed.sum())
 
 
 @pytest.mark.parametrize("stiffness", [1e-4, 1e-3, 1e-2, 1e-1])
