@@ -42,7 +42,7 @@ from pcontact.space.modes import near_null_space
 from pcontact.space.space import carried
 from pcontact.stepping.energy import EnergyBalance
 from pcontact.stepping.loose import LooseBodies
-from pcontact.stepping.partner_update import updates
+from pcontact.stepping.partner_update import load_steps
 from pcontact.stepping.record import Recorder
 from pcontact.stepping.schedule import Control, Schedule
 from pcontact.stepping.stepper import Stages, Stepper
@@ -231,7 +231,7 @@ class Simulation:
         turns = self.problem.bulk.extrapolates
         modes_at = partial(near_null_space, self.problem.space, colours) if turns else None
         self.newton = Newton(self.problem, self.options, symmetric, modes, self.timing, motions, modes_at)
-        self.renew, self.settle = updates(self.problem, self.newton, self.options)
+        self.solve = load_steps(self.problem, self.newton, self.options)
         meets = motions and not self.problem.linear
         self.rest = LooseBodies(self.problem, motions) if meets else None
 
@@ -356,8 +356,8 @@ class Simulation:
         self._carriers = {"largest_force": recorder, "direct": self.newton, "acting": self.newton.convergence}
         if estimate is not None:
             self._carriers["largest_energy"] = estimate
-        if self.renew is not None:
-            self._carriers["partners"] = self.renew
+        if self.solve.items:
+            self._carriers["partners"] = self.solve
         if self.problem.features.viscous is not None:
             viscous = self.problem.features.viscous
             self._carriers |= {"viscous_work": viscous.taken, "stress_work": viscous.stressed}
@@ -385,7 +385,7 @@ class Simulation:
         self._watch = [one for one in watch if one is not None]
         low, high = bounding_box(self.comm, space.mesh.points)
         places = np.array(list(product(*zip(low, high, strict=True))) + [0.5 * (low + high)])
-        stages = Stages(self.begin, self.renew, self.settle, self.rest, self.energy)
+        stages = Stages(self.begin, self.solve, self.rest, self.energy)
         self.stepper = Stepper(
             self.problem, self.newton, schedule, self._watch, recorder, self.timing, drive(scene, places), stages
         )  # fmt: skip
@@ -401,7 +401,7 @@ class Simulation:
         self._watch[0].end(True)
         self.newton.free()
         self.problem.space.exchanger.free()
-        self.problem = self.newton = self.stepper = self.settle = self.renew = self.rest = self.energy = None
+        self.problem = self.newton = self.stepper = self.solve = self.rest = self.energy = None
         self.options.withdraw()
         self.options.propose(self.scene.petsc)
         self._components.give(self.mesh)
@@ -493,7 +493,7 @@ class Simulation:
         if self.newton is not None:
             self.newton.free()
         self.problem.space.exchanger.free()
-        self.problem = self.newton = self.stepper = self.settle = self.renew = self.rest = self.energy = None
+        self.problem = self.newton = self.stepper = self.solve = self.rest = self.energy = None
         self._watch = self._carriers = None
         self.costs = self.counters = self.records = self.error_estimate = self.mesh = None
         gc.collect()

@@ -240,8 +240,8 @@ class Inertia(Item):
         velocity = self._motion(u)[1]
         return 0.5 * float(np.sum(self._drag(self.velocity + velocity) * (self._values(u) - self._begin)))
 
-    def record(self, u):
-        """Momentum, and moment of momentum about the origin, for the report. *Collective.*"""
+    def report(self, u):
+        """Momentum, and moment of momentum about the origin. *Collective.*"""
         space, momentum = self.space, self.mass.times(self.velocity)
         places = space.points[space.owned_local] + self._values(u)
         about = np.atleast_1d(moments(places, momentum))
@@ -250,7 +250,7 @@ class Inertia(Item):
         result = {"momentum": sums[:d].tolist()}
         if not space.axisymmetric:
             result["moment_of_momentum"] = sums[d:].tolist() if d == 3 else float(sums[d])
-        return result
+        return {"inertia": result}
 
     # -- a checkpoint -----------------------------------------------------------------------------------------------
 
@@ -369,6 +369,10 @@ class Snap(Inertia):
         """Add them to ``out`` (n_owned, d), on the bodies [force]. *Collective.*"""
         if self._goes_on:
             super().drag(u, out)
+
+    def report(self, u):
+        """Energy that motions have set free so far."""
+        return {"snaps": {"energy": self.taken.carried}}
 
     def fields_of_nodes(self):
         """None: in load steps bodies rest."""

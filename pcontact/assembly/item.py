@@ -278,6 +278,11 @@ class Item:
         """What there is to see at nodes, beside the displacement: values (n_owned, d) by name."""
         return {}
 
+    def report(self, u):
+        """Entries of the record of a load step that has been committed at ``u``, the same on every rank: by section,
+        and in it by name where several items have one. *Collective.*"""
+        return {}
+
     # -- a checkpoint ---------------------------------------------------------------------------------------------
 
     def memory(self):

@@ -137,9 +137,9 @@ class Release(Item):
         """None, they do not depend on the displacement."""
         return np.zeros((0, self.space.dim, self.space.dim))
 
-    def record(self):
-        """Their resultant, for the report. *Collective.*"""
-        return {"force": (self._part * self.space.comm.allreduce(self.forces.sum(axis=0))).tolist()}
+    def report(self, u):
+        """Their resultant. *Collective.*"""
+        return {"released": {"force": (self._part * self.space.comm.allreduce(self.forces.sum(axis=0))).tolist()}}
 
     def memory_keys(self):
         """Numbers (n_owned,) of the owned nodes."""

@@ -126,11 +126,11 @@ class GroundSprings(LinearForces):
         ways = range(self.space.dim)
         return held / self.space.comm.allreduce(float(held[:, ways, ways].sum()))
 
-    def record(self, u):
-        """Force of the springs on the bodies, for the report. *Collective.*"""
+    def report(self, u):
+        """Force of the springs on the bodies. *Collective.*"""
         own = np.zeros((self.space.n_owned, self.space.dim))
         self.external(u, own)
-        return {"force": self.space.comm.allreduce(own.sum(axis=0)).tolist()}
+        return {"springs": {self.name: {"force": self.space.comm.allreduce(own.sum(axis=0)).tolist()}}}
 
 
 class SpinForces(LinearForces):

@@ -83,18 +83,14 @@ class ViscousStabilisation(Item):
         """Values (n_owned, d, d) on the diagonal."""
         return (self._rate * self._volume)[:, None, None] * np.eye(self.space.dim)
 
-    def account(self, u):
-        """Add the works of the load step that has been committed at ``u`` to the sums. *Collective.*
-
-        Returns
-        -------
-        float
-            What the dashpots have taken up so far over what the stresses have done.
-        """
+    def report(self, u):
+        """Add the works of the load step that has been committed at ``u`` to the sums: what the dashpots have taken up
+        so far, and that over what the stresses have done. *Collective.*"""
         moved, stresses = self._values(u) - self._begin, np.zeros_like(self._stresses)
         self._bulk.residual(u, stresses)
         own = np.array([np.sum(self._forces(u) * moved), 0.5 * np.sum((self._stresses + stresses) * moved)])
         taken, stressed = self.space.comm.allreduce(own, op=MPI.SUM)
         self.taken.carried += float(taken)
         self.stressed.carried += abs(float(stressed))
-        return self.taken.carried / self.stressed.carried if self.stressed.carried > 0.0 else 0.0
+        ratio = self.taken.carried / self.stressed.carried if self.stressed.carried > 0.0 else 0.0
+        return {"viscous": {"work": self.taken.carried, "ratio": ratio}}

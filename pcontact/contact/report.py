@@ -192,6 +192,10 @@ class ContactReport:
         nodal = self.space.local.gather(u)
         return np.concatenate([pair.search.interpolated(nodal) for pair in self.pairs])
 
+    def report(self, u):
+        """See :meth:`pcontact.assembly.item.Item.report`. *Collective.*"""
+        return {"contacts": {self.name: self.summary(u)}}
+
     def summary(self, u):
         """Numbers of the contact for the report, the same on every rank. *Collective.*
 

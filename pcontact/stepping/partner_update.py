@@ -2,6 +2,7 @@
 
 import time as clock
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -42,8 +43,10 @@ class PartnerUpdate:
         Part of the answer that frozen partners may change, see :func:`pcontact.contact.motion.misled`.
     items : list of pcontact.assembly.item.Item
         That are asked.
-    settle : pcontact.stepping.uzawa.Uzawa, optional
-        Settles multipliers before partners are verified: until then the bodies are deep in each other.
+    multipliers : callable, optional
+        From what solves on to the :class:`pcontact.stepping.uzawa.Uzawa` that settles multipliers, or None. It does so
+        before partners are verified: until then the bodies are deep in each other; with finite strain, where they slide
+        along each other meanwhile, after that.
 
     Attributes
     ----------
@@ -53,12 +56,12 @@ class PartnerUpdate:
         at least 1. A restarted run goes on with it.
     """
 
-    def __init__(self, problem, newton, most, tolerance, items, settle=None):
+    def __init__(self, problem, newton, most, tolerance, items, multipliers=lambda solver: None):
         self.problem, self.newton, self.most, self.tolerance, self.items = problem, newton, most, tolerance, items
-        self.settle = settle
         # committed displacement and end of the load step
         self._step, self._searches, self.carried = None, 0, 0.0
         self._follows = any(item.follows for item in items)
+        self._settle = multipliers(self if self._follows else newton)
         # how many times as much the last change of partners has changed forces as was expected, at least 1
         self._gain = 1.0
 
@@ -92,11 +95,15 @@ class PartnerUpdate:
             left[0] -= changed
             return changed
 
-        return self._settled(u, self._with_multipliers(u, self.newton.solve(u, follow)))
+        result = self.newton.solve(u, follow) if self.items else self.newton.solve(u)
+        result = self._settled(u, self._with_multipliers(u, result, False))
+        return self._with_multipliers(u, result, True)
 
-    def _with_multipliers(self, u, result):
-        """The result after multipliers have settled, if there are some. *Collective.*"""
-        return self.settle(u, result) if self.settle is not None and result.converged else result
+    def _with_multipliers(self, u, result, verified):
+        """The result after multipliers have settled, if there are some, and if that is to be when partners have been
+        verified, or before. *Collective.*"""
+        wanted = self._settle is not None and result.converged and verified == self._follows
+        return self._settle(u, result) if wanted else result
 
     def again(self, u):
         """Solve on from the solution ``u`` of the load step after multipliers have changed, see
@@ -108,6 +115,8 @@ class PartnerUpdate:
 
         What partners change is expected from the gaps; what they have changed tells how much that is worth.
         """
+        if not self.items:
+            return result
         for searches in range(self.most + 1):
             # points that alternate, in scenes that make much of it, are left in the end with what the report says
             part = self.tolerance if searches == self.most else self.tolerance / self._gain
@@ -119,7 +128,7 @@ class PartnerUpdate:
                 result = replace(result, converged=False, reason=reason)
                 break
             expected = np.array([item.stale for item in self.items])
-            result = self._with_multipliers(u, combined(result, self.newton.again(u, near=True)))
+            result = self._with_multipliers(u, combined(result, self.newton.again(u, near=True)), False)
             self._compare(before, self._forces(u), expected)
         change = self._gain * max(item.stale for item in self.items)
         self.carried = self._gain if self.carried else 0.0
@@ -153,20 +162,10 @@ class PartnerUpdate:
         return any(changed)
 
 
-def updates(problem, newton, options):
-    """What a load step has beside Newton's method: the :class:`PartnerUpdate`, None where no item asks for it, or the
-    user does without; and the updates of multipliers that come after it, None where there are none."""
-    if any(item.follows for item in problem.others):
-        partners = _partner_update(problem, newton, options, None)
-        return partners, uzawa(problem.contacts, partners, options)
-    settle = uzawa(problem.contacts, newton, options)
-    partners = _partner_update(problem, newton, options, settle)
-    return partners, settle if partners is None else None
-
-
-def _partner_update(problem, newton, options, settle):
+def load_steps(problem, newton, options):
+    """What solves the load steps of a problem: a :class:`PartnerUpdate` of the items that ask for it, none where the
+    user does without, with the multipliers of contacts that have some."""
     most = options.get("contact_search_again")
     items = [item for item in problem.others if item.follows or (item.verifies and most > 0)]
-    if not items:
-        return None
-    return PartnerUpdate(problem, newton, most or MOST, options.get("contact_partner_rtol"), items, settle)
+    return PartnerUpdate(problem, newton, most or MOST, options.get("contact_partner_rtol"), items,
+                         partial(uzawa, problem.contacts, options=options))  # fmt: skip

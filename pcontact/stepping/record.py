@@ -84,6 +84,10 @@ class Recorder:
             # bodies of degree 1: what is on nodes that follow is on the vertices
             unbalanced = unbalanced.copy()
             features.lower.lead(unbalanced)
+        found = {}
+        for part in problem.parts:
+            for section, entries in part.report(u).items():
+                found[section] = {**found.get(section, {}), **entries}
         record = {"time": step.time, **({} if self._phase is None else {"phase": self._phase})}
         record |= {} if self._absent is None else {"absent": list(self._absent)}
         record |= {
@@ -92,7 +96,7 @@ class Recorder:
             "krylov_most": step.hardest,
             "cutbacks": step.cutbacks,
             "reactions": problem.forces.reactions(u, unbalanced),
-            "contacts": {contact.name: contact.summary(u) for contact in problem.contacts},
+            "contacts": found.pop("contacts", {}),
             "probes": {name: self._probe(*probe, u) for name, probe in self._probes.items()},
             "plastic": self._plastic(),
             "largest": largest(problem, u),
@@ -104,14 +108,12 @@ class Recorder:
                 record["finite_strain"] = {self._bodies[body]: one._asdict() for body, one in stretched.items()}
         if problem.conditions.supports.turns:
             record["moments"] = problem.forces.moments(u, unbalanced)
-        if features.viscous is not None:
-            record["viscous"] = self._viscous(step.time, u)
-        if features.snap is not None:
-            record["snaps"] = {"energy": features.snap.taken.carried}
+        if "viscous" in found:
+            self._warn_of_viscosity(step.time, found["viscous"]["ratio"])
         if self._energy is not None:
             record["energy"] = self._energy.record(u)
+        record |= found
         if features.inertia is not None:
-            record["inertia"] = features.inertia.record(u)
             self._warn_of_energy(step.time, record)
         if features.total:
             record["loads"] = {load.name: load.record(u, step.time) for load in features.total}
@@ -133,10 +135,6 @@ class Recorder:
             if features.release is not None:
                 features.release.draw(forces)
             record["pretensions"] = {one.name: one.record(moved, forces, step.time) for one in features.sections}
-        if features.release is not None:
-            record["released"] = features.release.record()
-        if features.springs:
-            record["springs"] = {spring.name: spring.record(u) for spring in features.springs}
         if problem.space.axisymmetric:
             _name_components(record)
         self._warn_of_lost(step.time, record["contacts"])
@@ -207,12 +205,8 @@ class Recorder:
                     time, contact.name, contact.contact.target, depth, contact.contact.source,
                 )  # fmt: skip
 
-    def _viscous(self, time, u):
-        """Work of the viscous stabilisation, and over that of the stresses; warn once where it is not small.
-        *Collective.*
-        """
-        viscous = self._problem.features.viscous
-        ratio = viscous.account(u)
+    def _warn_of_viscosity(self, time, ratio):
+        """Warn once where the work of the viscous stabilisation is not small beside that of the stresses."""
         if ratio > VISCOUS and "viscous" not in self._told:
             self._told.add("viscous")
             log.warning(
@@ -220,7 +214,6 @@ class Recorder:
                 "where no body snaps or floats, a smaller viscous_stabilisation makes forces more accurate",
                 time, 100.0 * ratio, 100.0 * VISCOUS,
             )  # fmt: skip
-        return {"work": viscous.taken.carried, "ratio": ratio}
 
     def _warn_of_energy(self, time, record):
         """Say once that the energies of a motion do not add up, and once that contact and integrator, which can but

@@ -75,10 +75,8 @@ class Stages(NamedTuple):
     ----------
     start : callable, optional
         From the time at which a load step ends to the displacement (n_owned, d) that is expected then, or to None.
-    renew : callable, optional
-        Solves the load step and looks for partners again, see :class:`pcontact.stepping.partner_update.PartnerUpdate`.
-    settle : callable, optional
-        Goes on from the solution of the load step, see :class:`pcontact.stepping.uzawa.Uzawa`.
+    solve : callable, optional
+        Solves the load step, see :class:`pcontact.stepping.partner_update.PartnerUpdate`; None: Newton's method alone.
     rest : callable, optional
         After that, says where bodies are that nothing holds, see :class:`pcontact.stepping.loose.LooseBodies`.
     energy : pcontact.stepping.energy.EnergyBalance, optional
@@ -86,8 +84,7 @@ class Stages(NamedTuple):
     """
 
     start: Callable | None = None
-    renew: Callable | None = None
-    settle: Callable | None = None
+    solve: Callable | None = None
     rest: Callable | None = None
     energy: object = None
 
@@ -288,7 +285,7 @@ class Stepper:
             observer.iterate(self.number + 1, self.problem.time, norms)
 
     def _attempt(self, target, before):
-        start, (begin, renew, settle, rest, _) = clock.perf_counter(), self._stages
+        start, (begin, solve, rest, _) = clock.perf_counter(), self._stages
         moves = self.problem.features.snap is not None and self.problem.features.snap.moves
         expected = self._expected(target) if begin is None else self._as_vector(begin(target))
         self.problem.time = target
@@ -304,12 +301,7 @@ class Stepper:
                 self.problem.prediction.expect(self.u, expected)
             if rest is not None and self._last is not None:
                 rest.begin(self.u)
-            if renew is None:
-                result = self.newton.solve(self.u)
-            else:
-                result = renew(self.u, before, target)
-            if settle is not None and result.converged:
-                result = settle(self.u, result)
+            result = self.newton.solve(self.u) if solve is None else solve(self.u, before, target)
             if rest is not None and result.converged and not moves:
                 result = rest(self.u, before, result)
             self._check_motion(result, before)

@@ -111,7 +111,7 @@ class SmallTerms:
         """
         self.method.begin()
         if self._lags:
-            self._start = self._evaluate(p, values, p.acts)[1] + moved
+            self._start = self._jump(p, values, p.acts) + moved
             self._before = self._start - turned(self._lag)
 
     def commit(self, p, values, view):
@@ -146,11 +146,16 @@ class SmallTerms:
 
     # -- at the points, in the directions in which tractions count ------------------------------------------------
 
-    def _evaluate(self, p, values, wanted):
+    def _evaluate(self, p, values, wanted, operator=None):
         """Linear traction and jump (np, m) of the points that are wanted (np,)."""
         traction, jump = np.empty((2, len(p.paired), self._directions))
-        evaluate(values, p.source, p.partner, p.operator, wanted, traction, jump)
+        evaluate(values, p.source, p.partner, p.operator if operator is None else operator, wanted, traction, jump)
         return traction, jump
+
+    def _jump(self, p, values, wanted=None):
+        """The jump alone."""
+        without = p.operator._replace(rows=p.operator.rows[:, :0])
+        return self._evaluate(p, values, p.every if wanted is None else wanted, without)[1]
 
     def _traction(self, p, values, wanted):
         """What stands in the place of the traction, and jump (np, m)."""
@@ -185,8 +190,7 @@ class SmallTerms:
 
     def gap(self, p, values, wanted=None):
         """Gap (np,) [length], of the points that are wanted (np,)."""
-        jump = self._evaluate(p, values, p.every if wanted is None else wanted)[1]
-        return p.gap0 - np.einsum("pm,pm->p", jump, p.operator.normal)
+        return p.gap0 - np.einsum("pm,pm->p", self._jump(p, values, wanted), p.operator.normal)
 
     def approach(self, p, u, y):
         """How far a step -y from u (distributed vectors) closes the gap (np,) [length]. *Collective.*"""
@@ -254,7 +258,7 @@ class SmallTerms:
     def slip(self, p, values):
         """Tangential slip (np, d) of the load step [length], zero without a partner."""
         start = self._start if self._lags else 0.0
-        slip = across(self._evaluate(p, values, p.every)[1] - start, p.normal)
+        slip = across(self._jump(p, values) - start, p.normal)
         return np.where(p.paired[:, None], slip, 0.0)
 
     # -- report ---------------------------------------------------------------------------------------------------
