@@ -26,8 +26,6 @@ from pcontact.runtime.messages import input_error
 from pcontact.scene.prescribed import Prescribed
 
 OPEN, STICK, SLIP = 0, 1, 2
-# a bound that no traction reaches where there is a pressure
-STICKING = np.array([0.0, 1e8, np.inf])
 
 
 class View(NamedTuple):
@@ -135,30 +133,19 @@ class FrictionLaw(Frictionless):
         """
         traction, status = np.zeros_like(tau), np.zeros(len(tau), dtype=np.int64)
         slope = np.zeros((0, 0, 0)) if slope is None else slope
-        if view.stick:
-            project_rows(STICKING, view.bilateral, view.paired, normal, tau, traction, slope, status)
-        else:
-            self.bounded(view, normal, tau, traction, slope, status)
+        (STICKING if view.stick else self).bounded(view, normal, tau, traction, slope, status)
         return traction, status
 
     def bounded(self, view, normal, tau, traction, slope, status):
         """Write traction, status and, unless it has the length 0, ``slope`` of the paired points; the others are 0."""
-        tau_n = np.einsum("pd,pd->p", tau, normal)
-        across = tau - tau_n[:, None] * normal
-        length = np.linalg.norm(across, axis=1)
-        closed = self.closed(view, tau_n)
-        rho, growth = self.bound(np.maximum(-tau_n, 0.0))
-        stick, slip = closed & (length <= rho), closed & (length > rho)
-        # of the tangential part that is left: all, what the bound admits, nothing
-        share = np.where(stick, 1.0, np.divide(rho, length, out=np.zeros_like(length), where=slip))
-        traction[:] = np.where(closed, tau_n, 0.0)[:, None] * normal + share[:, None] * across
-        status[:] = np.select([stick, slip], [STICK, SLIP], OPEN)
-        if len(slope):
-            along = np.divide(across, length[:, None], out=np.zeros_like(across), where=slip[:, None])
-            nn = np.einsum("pi,pj->pij", normal, normal)
-            slope[:] = closed[:, None, None] * nn + share[:, None, None] * (np.eye(tau.shape[1]) - nn)
-            slope -= share[:, None, None] * np.einsum("pi,pj->pij", along, along)
-            slope -= np.where(tau_n < 0.0, growth, 0.0)[:, None, None] * np.einsum("pi,pj->pij", along, normal)
+        bound = self.bound_at(np.einsum("pd,pd->p", tau, normal), view.bilateral)
+        project_all(bound, view.bilateral, view.paired, normal, tau, traction, slope, status)
+
+    def bound_at(self, tau, bilateral):
+        """The bound (np,) at normal augmented tractions (np,) of points, 0 where there is no pressure and they may
+        part, and its derivative with respect to these."""
+        rho, growth = self.bound(np.maximum(-tau, 0.0))
+        return np.where((tau <= 0.0) | bilateral, rho, 0.0), np.where(tau < 0.0, -growth, 0.0)
 
 
 class RowLaw(FrictionLaw):
@@ -177,9 +164,22 @@ class RowLaw(FrictionLaw):
         if self.follows_pressure:
             self.bond, self.reach = float(min(self.row[0], self.row[2])), float(self.row[0] / self.row[1])
 
-    def bounded(self, view, normal, tau, traction, slope, status):
-        """See :meth:`FrictionLaw.bounded`."""
-        project_rows(self.row, view.bilateral, view.paired, normal, tau, traction, slope, status)
+    def bound_at(self, tau, bilateral):
+        """See :meth:`FrictionLaw.bound_at`: the row says it, under tension, too."""
+        return bound_of(self.row, tau)
+
+
+def bound_of(row, tau):
+    """The bound (np,) of a row of numbers, or of rows (3, np), and its derivative, at normal augmented tractions (np,).
+    """
+    base, coefficient, limit = row
+    rho = base - coefficient * tau
+    follows = (rho >= 0.0) & (rho <= limit)
+    return np.clip(rho, 0.0, limit), np.where(follows, -coefficient, 0.0)
+
+
+# a bound that no traction reaches where there is a pressure
+STICKING = RowLaw([0.0, 1e8, np.inf])
 
 
 class VaryingCoulomb(FrictionLaw):
@@ -258,9 +258,9 @@ class VaryingCoulomb(FrictionLaw):
         """Take the slip (np, d) [length] of a load step of a duration, and the status (np,) of the points."""
         self.speed = np.where(status == SLIP, np.linalg.norm(slip, axis=1) / duration, 0.0)
 
-    def bounded(self, view, normal, tau, traction, slope, status):
-        """See :meth:`FrictionLaw.bounded`."""
-        project_each(self.rows, view.bilateral, view.paired, normal, tau, traction, slope, status)
+    def bound_at(self, tau, bilateral):
+        """See :meth:`FrictionLaw.bound_at`."""
+        return bound_of(self.rows.T, tau)
 
 
 class Tied(RowLaw):
@@ -331,23 +331,13 @@ def contact_law(contact):
 
 
 @njit_inner
-def bound(law, tau_n):
-    """The bound rho of the tangential traction, and its derivative with respect to tau_n."""
-    rho = law[0] - law[1] * tau_n
-    if rho < 0.0:
-        return 0.0, 0.0
-    if rho > law[2]:
-        return law[2], 0.0
-    return rho, -law[1]
-
-
-@njit_inner
-def project(law, bilateral, normal, tau, traction, derivative):
+def project(rho, slope, bilateral, normal, tau, traction, derivative):
     """Traction that the law makes of an augmented traction, and its generalised derivative.
 
     Parameters
     ----------
-    law : ndarray (3,)
+    rho, slope : float
+        Bound of the tangential traction, and its derivative with respect to tau_n.
     bilateral : bool
         No separation.
     normal, tau : ndarray (d,)
@@ -370,7 +360,6 @@ def project(law, bilateral, normal, tau, traction, derivative):
     for i in range(d):
         length += (tau[i] - tau_n * normal[i]) ** 2
     length = np.sqrt(length)
-    rho, slope = bound(law, tau_n)
     tangential = closed or rho > 0.0
     stick = tangential and length <= rho
     push = tau_n if closed else 0.0
@@ -393,29 +382,16 @@ def project(law, bilateral, normal, tau, traction, derivative):
     return STICK if stick else SLIP
 
 
-@njit_inner
-def _project_all(law, bilateral, paired, normal, tau, traction, slope, status):
-    last = len(slope) - 1
-    for p in range(len(paired)):
-        if paired[p]:
-            status[p] = project(law, bilateral, normal[p], tau[p], traction[p], slope[min(p, last)])
-
-
 @njit
-def project_rows(law, bilateral, paired, normal, tau, traction, slope, status):
-    """Write traction (np, d), status (np,) and, unless it has the length 0, derivative (np, d, d) of paired points."""
+def project_all(bound, bilateral, paired, normal, tau, traction, slope, status):
+    """Write traction (np, d), status (np,) and, unless it has the length 0, derivative (np, d, d) of paired points.
+    The bound has values (np,) and derivatives (np,)."""
+    rho, growth = bound
     d = normal.shape[1]
     # one that all points overwrite, where nobody asks
     slope = slope if len(slope) > 0 else np.zeros((1, d, d))
-    _project_all(law, bilateral, paired, normal, tau, traction, slope, status)
-
-
-@njit
-def project_each(laws, bilateral, paired, normal, tau, traction, slope, status):
-    """The same as :func:`project_rows` with a row (np, 3) for each point."""
-    d = normal.shape[1]
-    slope = slope if len(slope) > 0 else np.zeros((1, d, d))
     last = len(slope) - 1
     for p in range(len(paired)):
         if paired[p]:
-            status[p] = project(laws[p], bilateral, normal[p], tau[p], traction[p], slope[min(p, last)])
+            at = slope[min(p, last)]
+            status[p] = project(rho[p], growth[p], bilateral, normal[p], tau[p], traction[p], at)

@@ -9,8 +9,8 @@ ASKED = ("contact_law", "Frictionless", "View", "_tresca", "_coulomb")
 PIECES = {
     "friction": (("contact.law",), ASKED),
     "friction that varies": (
-        ("contact.law",), (*ASKED, "FrictionLaw", "RowLaw", "Tied", "Held", "bound", "project", "_project_all",
-                           "project_rows", "add_law"),
+        ("contact.law",), (*ASKED, "FrictionLaw", "RowLaw", "Tied", "Held", "bound_of", "project", "project_all",
+                           "add_law"),
     ),
     "plasticity": (
         ("material.plastic", "material.hardening", "assembly.solid:PointStates", "assembly.strains:add_forces",
@@ -47,7 +47,7 @@ PIECES = {
     # bodies near enough to meet are found for any pair
     "all surfaces": (("contact.search.all_surfaces",), ("meetings", "near_pairs", "component_boxes")),
     "tied surfaces": (
-        ("contact.law",), (*ASKED, "FrictionLaw", "RowLaw", "project", "bound", "project_rows", "_project_all"),
+        ("contact.law",), (*ASKED, "FrictionLaw", "RowLaw", "project", "bound_of", "project_all"),
     ),
     "unbiased contact": (("contact.formulation.methods:halved", "contact.formulation.methods:contacts_of_halves"), ()),
     "penalty": (("contact.formulation.methods:Penalty", "contact.formulation.methods:facet_columns",

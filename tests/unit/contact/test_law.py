@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pcontact.contact.law import OPEN, SLIP, STICK, Frictionless, View, contact_law, project
+from pcontact.contact.law import OPEN, SLIP, STICK, Frictionless, View, bound_of, contact_law, project
 from pcontact.scene.model import Contact
 from tests.support.laws import LAWS, law_of, limit_of, numpy_projection
 
@@ -13,8 +13,14 @@ CONVEX = ["tresca"]
 
 def compiled(name, bilateral, normal, tau):
     """P, D, status of the compiled kernel, which must write all of its results."""
+    return projected(law_of(name), bilateral, normal, tau)
+
+
+def projected(row, bilateral, normal, tau):
+    """The same of a row of numbers."""
     p, d = np.full_like(tau, np.nan), np.full((len(tau), len(tau)), np.nan)
-    status = project(law_of(name), bilateral, normal, tau, p, d)
+    rho, growth = bound_of(row, tau @ normal)
+    status = project(float(rho), float(growth), bilateral, normal, tau, p, d)
     return p, d, status
 
 
@@ -151,7 +157,7 @@ def test_kinks(d):
     p, derivative = np.empty(d), np.empty((d, d))
 
     def at(law, tau, bilateral=False):
-        status = project(law, bilateral, normal, np.ascontiguousarray(tau), p, derivative)
+        p[:], derivative[:], status = projected(law, bilateral, normal, np.ascontiguousarray(tau))
         assert np.all(np.isfinite(p)) and np.all(np.isfinite(derivative))
         return status
 

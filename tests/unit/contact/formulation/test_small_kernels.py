@@ -6,7 +6,7 @@ import pytest
 from pcontact.assembly.graph import BlockRows, node_graph
 from pcontact.contact.formulation import small_kernels as kernels
 from pcontact.contact.formulation.methods import Parameters
-from pcontact.contact.law import OPEN, SLIP, STICK, project_rows
+from pcontact.contact.law import OPEN, SLIP, STICK, RowLaw, View
 from pcontact.contact.points import PartnerPoints, SourcePoints, TractionOperator, interpolate, no_excess
 from pcontact.contact.traction.small import FacetCells, fill_rows, tractions
 from tests.support.laws import LAWS, law_of, numpy_projection
@@ -95,7 +95,8 @@ class Points:
         """P, D and status of a law."""
         tau = self.evaluate(u)[2]
         force, slope, status = np.zeros_like(tau), np.zeros((*tau.shape, tau.shape[1])), self.facet * 0
-        project_rows(law, bilateral, self.paired, self.operator.normal, tau, force, slope, status)
+        normal, view = self.operator.normal, View(self.paired, bilateral, False)
+        RowLaw(law).bounded(view, normal, tau, force, slope, status)
         return force, slope, status
 
     def residual(self, u, law, theta, bilateral):
