@@ -52,16 +52,16 @@ from pcontact.scene import (
     validate,
 )
 from pcontact.scene.amplitude import Squared
-from pcontact.scene.expression import Condition
+from pcontact.scene.expressions import Condition
+from pcontact.scene.functions import Prescribed
 from pcontact.scene.integrators import INTEGRATORS
 from pcontact.scene.keys import options as key_options
 from pcontact.scene.model import LOCKING, POOR, RUBBER, Contact
 from pcontact.scene.phases import groups_of, left, scene_of
 from pcontact.scene.places import place
-from pcontact.scene.prescribed import Prescribed
 from pcontact.scene.regions import check_region
 from pcontact.scene.target import Budget, Target
-from pcontact.scene.unsafe import unsafe
+from pcontact.scene.validate import unsafe
 from pcontact.solve.preconditioners import MOST_COLOURS
 from pcontact.solve.problem import Features, Problem
 from pcontact.space.constraints import Equations, PretensionSection, RigidGroup, linear_rows, pair_rows, term_rows

@@ -27,7 +27,7 @@ from pcontact.runtime.parallel import agree, on_root, together
 from pcontact.runtime.petsc import MPI
 from pcontact.scene import amplitude, obstacle_functions
 from pcontact.scene.model import OUTER
-from pcontact.scene.unsafe import unsafe
+from pcontact.scene.validate import unsafe
 from pcontact.space.modes import component_boxes, join, near_pairs
 from pcontact.space.space import AXIS
 

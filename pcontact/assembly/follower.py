@@ -176,7 +176,7 @@ class FollowerPressure(Item):
     space : pcontact.space.space.Space
     region : str
         Group of facets.
-    pressure : pcontact.scene.prescribed.Prescribed
+    pressure : pcontact.scene.functions.Prescribed
         At factor 1, positive in compression [stress], a function of the undeformed place.
     amplitude : pcontact.scene.amplitude.Amplitude
     fixed : ndarray (n_local, d)

@@ -17,7 +17,7 @@ from pcontact.material.elastic import LOADED
 from pcontact.material.orthotropic import traction_matrix
 from pcontact.runtime.parallel import agree, together
 from pcontact.runtime.petsc import MPI
-from pcontact.scene.prescribed import Prescribed
+from pcontact.scene.functions import Prescribed
 
 
 class Heating(NamedTuple):
@@ -27,7 +27,7 @@ class Heating(NamedTuple):
     ----------
     region : str or None
         Group of cells; None: all.
-    prescribed : pcontact.scene.prescribed.Prescribed or callable
+    prescribed : pcontact.scene.functions.Prescribed or callable
         Temperature at factor 1; or what makes a `NodalField` of it, from which cells of the blocks need it.
     reference : float
         Temperature without thermal strain.

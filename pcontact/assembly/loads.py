@@ -6,8 +6,8 @@ from pcontact.assembly.geometry import chunks
 from pcontact.assembly.patches import assembled, cell_patches, facet_patches
 from pcontact.runtime.parallel import together
 from pcontact.runtime.petsc import MPI
+from pcontact.scene.functions import Prescribed
 from pcontact.scene.model import LOADS, Load
-from pcontact.scene.prescribed import Prescribed
 
 # degree of the polynomial up to which a force density in cells is integrated exactly
 SMOOTH = 2
@@ -36,7 +36,7 @@ def density(space, load, prescribed, patch, time):
     ----------
     space : pcontact.space.space.Space
     load : pcontact.scene.model.Load
-    prescribed : pcontact.scene.prescribed.Prescribed
+    prescribed : pcontact.scene.functions.Prescribed
         Of its value.
     patch : pcontact.assembly.patches.Patch
     time : float
@@ -85,7 +85,7 @@ def load_vector(space, load, prescribed=None, time=0.0, masses=()):
     space : pcontact.space.space.Space
     load : pcontact.scene.model.Load
         ``pressure`` acts against the outward normal, ``traction`` [stress] and ``body_force`` [force/volume] as given.
-    prescribed : pcontact.scene.prescribed.Prescribed, optional
+    prescribed : pcontact.scene.functions.Prescribed, optional
         Of its value, for messages that name the scene.
     time : float
         Of expressions.
@@ -142,7 +142,7 @@ class TimedLoad:
     ----------
     space : pcontact.space.space.Space
     load : pcontact.scene.model.Load
-    prescribed : pcontact.scene.prescribed.Prescribed
+    prescribed : pcontact.scene.functions.Prescribed
     amplitude : pcontact.scene.amplitude.Amplitude
     masses : sequence of float
         See :func:`load_vector`.

@@ -23,7 +23,7 @@ import numpy as np
 
 from pcontact.runtime.jit import njit, njit_inner
 from pcontact.runtime.messages import input_error
-from pcontact.scene.prescribed import Prescribed
+from pcontact.scene.functions import Prescribed
 
 OPEN, STICK, SLIP = 0, 1, 2
 

@@ -58,7 +58,7 @@ class Dilatation(NamedTuple):
     averaged : bool
         Mean dilatation.
     reduced : bool
-        Reduced integration, see `pcontact.element.reduced`; without axial symmetry.
+        Reduced integration, see `pcontact.element.quadrature`; without axial symmetry.
     law : pcontact.material.orthotropic.Orthotropic or None
         Elasticity of which lam and mu are the nearest isotropic constants; without mean dilatation.
     shear : ndarray (nf,) or None

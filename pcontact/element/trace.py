@@ -6,8 +6,8 @@ with the elastic stress of the parent cell E of facet F: what coercivity needs, 
 and the moduli (Warburton and Hesthaven 2003 for the polynomial inequality on simplices). With axial symmetry both
 integrals have the weight r, the energy has the hoop strain, and nodes on the axis do not move along r; with mean
 dilatation stress and energy are those of `pcontact.element.dilatation`, with reduced integration those of
-`pcontact.element.reduced`. Where points stick by alpha gamma, |sigma n|^2 is (n . sigma n)^2 + |P sigma n|^2 / alpha,
-with P = I - n n: the closed form is the same with alpha >= mu / (lam + 2 mu), for (n . sigma n)^2 / (lam + 2 mu) +
+`pcontact.element.quadrature`. Where points stick by alpha gamma, |sigma n|^2 is (n . sigma n)^2 + |P sigma n|^2 /
+alpha, with P = I - n n: the closed form is the same with alpha >= mu / (lam + 2 mu), for (n . sigma n)^2 / (lam + 2 mu) +
 |P sigma n|^2 / mu <= sigma : eps.
 
 Of an orthotropic body lam and mu are those of the nearest isotropic one, and C_dev is added, see
@@ -21,8 +21,7 @@ import numpy as np
 
 from pcontact.element.dilatation import PLAIN, dilatation, factors, hoop_operator, linear, mean_dilatation, squares
 from pcontact.element.geometry import facet_geometry, gradients
-from pcontact.element.quadrature import quadrature
-from pcontact.element.reduced import DEGREE, reduced_gradients
+from pcontact.element.quadrature import DEGREE, quadrature, reduced_gradients
 from pcontact.element.reference import CELLS, facet_nodes, facet_points, n_nodes, reference_nodes
 from pcontact.element.shape import shape, shape_gradient
 from pcontact.runtime.jit import njit

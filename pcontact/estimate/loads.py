@@ -12,7 +12,7 @@ from pcontact.assembly.loads import density, load_patches, value_of
 from pcontact.assembly.patches import Patch, assembled, kind_of
 from pcontact.runtime.parallel import together
 from pcontact.scene.amplitude import Squared, amplitude_of
-from pcontact.scene.prescribed import Prescribed
+from pcontact.scene.functions import Prescribed
 
 # degrees by which the rule is higher. From: a bump as wide as two facets, with two and three points on each, is then
 # known to 1e-6; the highest rule of curved tetrahedra is of degree 20.

@@ -152,7 +152,7 @@ class Identity:
     Attributes
     ----------
     physics : dict
-        See :func:`pcontact.scene.physics.physics`.
+        See :func:`pcontact.scene.describe.physics`.
     mesh : dict of str to str
         See :func:`pcontact.mesh.mesh.mesh_digest`.
     rows : dict of str to [int, str]

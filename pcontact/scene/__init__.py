@@ -1,8 +1,8 @@
 """What the user describes: dataclasses, the TOML reader and the checks. Neither PETSc nor MPI."""
 
 from pcontact.scene.amplitude import Amplitude, amplitude, amplitude_of
-from pcontact.scene.describe import describe
-from pcontact.scene.function import obstacle_functions, require_no_code
+from pcontact.scene.describe import describe, differences, physics, physics_so_far
+from pcontact.scene.functions import obstacle_functions, require_no_code
 from pcontact.scene.model import (
     Body,
     Contact,
@@ -24,7 +24,6 @@ from pcontact.scene.model import (
     Steps,
     Temperature,
 )
-from pcontact.scene.physics import differences, physics, physics_so_far
 from pcontact.scene.reader import read_scene, scene_from
 from pcontact.scene.regions import check_apart, check_dimension, check_lost, check_radius, check_regions
 from pcontact.scene.validate import resolve_contacts, validate

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pcontact.runtime.errors import InputError
+from pcontact.scene.functions import expressions, names
 from pcontact.scene.model import Coupling, Displacement, Load, Obstacle, Pretension, Temperature
-from pcontact.scene.prescribed import expressions, names
 
 # what an amplitude multiplies
 MULTIPLIED = {

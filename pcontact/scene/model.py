@@ -27,10 +27,7 @@ from pcontact.runtime.rules import (
     sequence,
 )
 from pcontact.scene.integrators import INTEGRATORS, LEAST_ALPHA
-from pcontact.scene.keys import closed, key, keys, table
-from pcontact.scene.orthotropic import equivalent_poisson
-from pcontact.scene.target import Budget, Target, preset_or_target
-from pcontact.scene.values import (
+from pcontact.scene.keys import (
     AMPLITUDE,
     AXES,
     COEFFICIENT,
@@ -60,7 +57,13 @@ from pcontact.scene.values import (
     VECTORS,
     WAYS,
     YOUNG,
+    closed,
+    key,
+    keys,
+    table,
 )
+from pcontact.scene.orthotropic import equivalent_poisson
+from pcontact.scene.target import Budget, Target, preset_or_target
 
 # Poisson's ratio above which cells are too stiff, or lose the digits of the stress, as they are: those of degree 1, and
 # quadrilaterals and hexahedra of degree 2 (pressure of a surface pressed flat, 8 cells in the half width: error in L2

@@ -7,7 +7,8 @@ import numpy as np
 
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.messages import input_error, listed, unknown_name
-from pcontact.scene.expression import NORMAL, PLACES, Condition
+from pcontact.scene.expressions import NORMAL, PLACES, Condition
+from pcontact.scene.functions import names
 from pcontact.scene.keys import holds, keys
 from pcontact.scene.model import (
     Contact,
@@ -24,7 +25,6 @@ from pcontact.scene.model import (
 )
 from pcontact.scene.orthotropic import across_plane
 from pcontact.scene.places import groups_named, place, refuse, tables
-from pcontact.scene.prescribed import names
 
 # obstacles that are none in the plane; those that have an axis to turn about
 SPATIAL, AXES = ("cylinder", "cone", "torus"), ("cylinder", "torus")

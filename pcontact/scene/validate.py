@@ -2,15 +2,18 @@
 
 Rules between the keys of a table are declared with them (`pcontact.scene.keys`); those that ask for more are here, by
 table. Each says of what is wrong: the key, what was found, what is allowed.
+Settings whose answers may be wrong are refused, or run with a warning where the scene says so.
 """
 
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
+from pcontact.runtime import log
 from pcontact.runtime.files import GEOMETRIES
 from pcontact.runtime.messages import CONTROL, closeness, input_error, listed, nearest, shown, unknown_name
 from pcontact.runtime.rules import PETSC_VALUE, TEXT, apply
+from pcontact.scene.functions import expressions
 from pcontact.scene.keys import conflicts, holds, keys
 from pcontact.scene.model import (
     CONTACT_DEFAULTS,
@@ -41,7 +44,6 @@ from pcontact.scene.model import (
 from pcontact.scene.orthotropic import indefinite, parallel
 from pcontact.scene.phases import PHASED, acts, begun, come_and_go, scene_of
 from pcontact.scene.places import Found, place, refuse, tables
-from pcontact.scene.prescribed import expressions
 from pcontact.scene.target import AXES, BEST, Budget, Target
 
 ALIKE = 0.5  # likeness of two file names above which one may be meant by the other
@@ -689,3 +691,26 @@ CHECKS = {
     Temperature: _temperature, Displacement: _displacement, Coupling: _coupling, Pretension: _pretension,
     Phase: _phase, Steps: _steps, Output: _output, Target: _target,
 }  # fmt: skip
+
+
+def unsafe(scene: Scene, word: str, key: str, found: str, allowed: str) -> None:
+    """Refuse a setting, or warn of it if ``allow_unsafe`` has the word. All ranks must agree on the setting.
+
+    Parameters
+    ----------
+    scene : Scene
+    word : str
+        Of `pcontact.scene.model.UNSAFE`.
+    key : str
+        Where it stands in the scene.
+    found, allowed : str
+        What the message says.
+
+    Raises
+    ------
+    InputError
+        Unless it is allowed.
+    """
+    if word not in scene.allow_unsafe:
+        raise input_error(scene.where, key, found, f"{allowed}; -allow_unsafe {word} runs it all the same")
+    log.warning("%s: found %s; safe: %s", key, found, allowed)

@@ -112,7 +112,7 @@ class Space:
     averaged_simplices : sequence of int
         Bodies whose triangles and tetrahedra do; with degree 2.
     reduced : sequence of int
-        Bodies whose serendipity cells have reduced integration, see `pcontact.element.reduced`.
+        Bodies whose serendipity cells have reduced integration, see `pcontact.element.quadrature`.
     lower : sequence of int
         Bodies whose displacement is of degree 1, where the others have degree 2: equations see to that.
 

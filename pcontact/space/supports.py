@@ -4,7 +4,7 @@ import numpy as np
 
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import agree, together
-from pcontact.scene.prescribed import Prescribed
+from pcontact.scene.functions import Prescribed
 from pcontact.space.turn import Turn, moments
 
 # two supports that turn agree at a node where they are no farther apart than this part of its distance from the axis

@@ -71,7 +71,7 @@ ANY = "any run"
 # modules, or functions of them, below the package, that only a run with the feature calls
 FEATURES = {
     "serendipity": ["mesh.raw:without_middles"],
-    "reduced integration": ["element.reduced"],
+    "reduced integration": ["element.quadrature:reduced_gradients"],
     "ray tracing": ["contact.search.projection:ray_tracing"],
     "cut facets": ["contact.segmentation.clipping", "contact.segmentation.overlaps", "contact.segmentation.pieces"],
     "cut facets of the plane": ["contact.segmentation.crossings"],
@@ -87,7 +87,7 @@ FEATURES = {
     "loads": ["assembly.loads", "assembly.patches"],
     "total loads": ["assembly.coupling"],
     "means of groups": ["assembly.coupling:AverageCoupling.__init__"],
-    "expressions": ["scene.expression"],
+    "expressions": ["scene.expressions"],
     "turning": ["space.turn:Turn.__init__"],
     "groups by place": ["mesh.by_place"],
     "slip": ["contact.history:SlipPath.__init__"],

@@ -232,7 +232,7 @@ class RigidObstacle:
     size : float
         Size of the model [length], for difference quotients of a level set without gradient.
     functions : (callable, callable or None), optional
-        Level set and gradient, see :func:`pcontact.scene.function.obstacle_functions`.
+        Level set and gradient, see :func:`pcontact.scene.functions.obstacle_functions`.
     surface : pcontact.contact.surface.obstacle.RigidSurface, optional
         Of a mesh.
 

@@ -15,8 +15,7 @@ from pcontact.assembly.geometry import rule_degree
 from pcontact.contact.surface.facet_maps import KIND, padded
 from pcontact.element.dilatation import Dilatation, Mean, dilatation, factors, hoop_operator, mean_dilatation
 from pcontact.element.geometry import facet_geometry
-from pcontact.element.quadrature import quadrature
-from pcontact.element.reduced import reduced_gradients
+from pcontact.element.quadrature import quadrature, reduced_gradients
 from pcontact.element.reference import CELLS, facet_area_vectors, facet_nodes, facet_points, reference_nodes
 from pcontact.element.shape import shape, shape_gradient
 from pcontact.element.trace import trace_constant

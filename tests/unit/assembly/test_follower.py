@@ -9,8 +9,8 @@ from pcontact.element.quadrature import quadrature
 from pcontact.element.reference import CELLS
 from pcontact.element.shape import shape, shape_gradient
 from pcontact.scene.amplitude import amplitude
+from pcontact.scene.functions import Prescribed
 from pcontact.scene.model import Load
-from pcontact.scene.prescribed import Prescribed
 from pcontact.space.space import Space
 from tests.support.small import SELF, bend, block_file, dense, make_space, vector_of
 

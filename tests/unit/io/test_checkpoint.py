@@ -1,4 +1,4 @@
-"""What a checkpoint is refused for: another mesh, other physics, damage; and what may change."""
+"""What a checkpoint is refused for: another mesh, other describe, damage; and what may change."""
 
 import re
 import shutil
@@ -79,7 +79,7 @@ def refused(scene, half, **options):
     return message
 
 
-# -- other physics, other meshes -------------------------------
+# -- other describe, other meshes -------------------------------
 
 OTHER = {
     "materials.m.E: found 999.0; allowed: 1000.0, as in": ("E = 1000.0", "E = 999.0"),

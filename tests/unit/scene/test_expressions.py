@@ -11,7 +11,7 @@ from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
 from pcontact.scene import obstacle_functions
-from pcontact.scene.expression import FUNCTIONS, Condition, Expression
+from pcontact.scene.expressions import FUNCTIONS, Condition, Expression
 from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Obstacle, Output, Scene, Steps
 from pcontact.simulation import Simulation
 
