@@ -375,7 +375,7 @@ def _execute(command, operand, options):
         log.info("wrote %s", _loaded("io.refine").refine_run(operand, options, comm))
         return 0
     if command == "import":
-        return comm.bcast(on_root(comm, _loaded("importer.write").import_file, operand, options.get("o")), root=0)
+        return comm.bcast(on_root(comm, _loaded("importer.translate").import_file, operand, options.get("o")), root=0)
     if command == "convert":
         convert_mesh(operand, options)
         return 0

@@ -7,8 +7,8 @@ and the moduli (Warburton and Hesthaven 2003 for the polynomial inequality on si
 integrals have the weight r, the energy has the hoop strain, and nodes on the axis do not move along r; with mean
 dilatation stress and energy are those of `pcontact.element.dilatation`, with reduced integration those of
 `pcontact.element.quadrature`. Where points stick by alpha gamma, |sigma n|^2 is (n . sigma n)^2 + |P sigma n|^2 /
-alpha, with P = I - n n: the closed form is the same with alpha >= mu / (lam + 2 mu), for (n . sigma n)^2 / (lam + 2 mu) +
-|P sigma n|^2 / mu <= sigma : eps.
+alpha, with P = I - n n: the closed form is the same with alpha >= mu / (lam + 2 mu), for (n . sigma n)^2 / (lam + 2 mu)
++ |P sigma n|^2 / mu <= sigma : eps.
 
 Of an orthotropic body lam and mu are those of the nearest isotropic one, and C_dev is added, see
 `pcontact.material.orthotropic`. |sigma n|^2 <= a sigma : eps with a the largest eigenvalue of the acoustic tensor

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from pcontact.runtime.errors import InputError
+from pcontact.scene import read_scene
 from pcontact.scene.model import Displacement
+from tests.support.commands import execute
 from tests.support.decks import BLOCKS, BRICK, PAIR, STEEL, bricks, imported, solved
 
 
@@ -629,3 +631,11 @@ def test_a_tie_of_surfaces_that_look_the_same_way_is_left_out(tmp_path):
     tie = "*SURFACE, NAME=top\n2, S2\n*TIE, NAME=glue\ntop, lower\n*STEP\n*STATIC\n*END STEP\n"
     status, words, scene = imported(tmp_path, BLOCKS + tie)
     assert status == 1 and "surfaces that look the same way: top, lower" in words and not scene.contacts
+
+
+def test_the_command_imports(tmp_path):
+    """`pcontact import DECK -o DIR`, in a process of its own."""
+    (tmp_path / "deck.inp").write_text(BLOCKS)
+    done = execute(tmp_path, ["import", "deck.inp", "-o", "out"])
+    assert done.returncode == 0, done.stderr
+    assert read_scene(tmp_path / "out" / "scene.toml").bodies and "import.txt" in done.stdout
