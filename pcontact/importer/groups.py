@@ -5,13 +5,6 @@ from pcontact.mesh.msh import write_msh
 
 # meshio's names of facets by their vertices
 _FACETS = {2: "line", 3: "triangle", 4: "quad"}
-# gmsh's types, and its order of nodes where it is not the deck's
-_GMSH = {
-    "vertex": (15, None), "line": (1, None), "triangle": (2, None), "quad": (3, None), "triangle6": (9, None),
-    "quad8": (16, None), "tetra": (4, None), "tetra10": (11, [0, 1, 2, 3, 4, 5, 6, 7, 9, 8]), "hexahedron": (5, None),
-    "hexahedron20": (17, [*range(8), 8, 11, 16, 9, 17, 10, 18, 19, 12, 15, 13, 14]),
-    "wedge": (6, None), "wedge15": (18, [*range(6), 6, 8, 12, 7, 13, 14, 9, 11, 10]), "pyramid": (7, None),
-}  # fmt: skip
 KINDS = ("cells", "facets", "nodes")
 
 
@@ -80,11 +73,8 @@ def write_mesh(path, deck, groups):
             add(0, name, "vertex", [node])
     used = sorted({node for element in cells for node in deck.elements[element][1]})
     of_number = {number: name for name, number in numbers.items()}
-    rows = []
-    for _, number, tag, kind, nodes in elements:
-        gmsh, order = _GMSH[kind]
-        rows.append((tag, gmsh, number, nodes if order is None else [nodes[k] for k in order]))
     names = [(d, number, of_number[number]) for d, number in sorted({(d, number) for d, number, *_ in elements})]
+    rows = [(tag, kind, number, nodes) for _, number, tag, kind, nodes in elements]
     write_msh(path, ((n, deck.nodes[n]) for n in used), rows, names)
 
 

@@ -14,9 +14,9 @@ ANALYTICAL = ("SEGMENTS", "CYLINDER", "REVOLUTION")
 ARC = 5.0
 # [bodies' extents] on both sides of the profile of a cylinder
 _BEYOND = 1.0
-# gmsh's types of facets by their number of nodes
-_GMSH = {2: 1, 3: 2, 4: 3}
-_CURVED = {3: 8, 6: 9, 9: 10}
+# kinds of facets by their number of nodes
+_STRAIGHT = {2: "line", 3: "triangle", 4: "quad"}
+_CURVED = {3: "line3", 6: "triangle6", 9: "quad9"}
 # corners of facets of degree 2, by their number of nodes
 _CORNERS = {3: 2, 6: 3, 9: 4}
 _TWO = 2
@@ -49,7 +49,7 @@ class Tool:
 
     def write(self, directory):
         """Write the mesh file. Serial."""
-        kinds = _CURVED if self.curved else _GMSH
+        kinds = _CURVED if self.curved else _STRAIGHT
         facets = [(k, kinds[len(one)], 1, [n + 1 for n in one]) for k, one in enumerate(self.facets, 1)]
         write_msh(directory / self.table["file"], enumerate(self.nodes.tolist(), 1), facets)
 

@@ -177,12 +177,12 @@ def _write_mesh(path):
     for body, (nx, ny), (x0, y0), (width, height) in (("lower", (24, 8), (0.0, 0.0), (3.0, 1.0)),
                                                       ("upper", (14, 7), (0.75, 1.0), (1.4, 0.7))):  # fmt: skip
         first = len(points) + 1
-        points += [(x, y, 0) for y in np.linspace(y0, y0 + height, ny + 1) for x in np.linspace(x0, x0 + width, nx + 1)]
+        points += [(x, y) for y in np.linspace(y0, y0 + height, ny + 1) for x in np.linspace(x0, x0 + width, nx + 1)]
         row = first + np.arange(nx + 1)
         top = row + ny * (nx + 1)
-        rows += [(3, body, (k, k + 1, k + nx + 2, k + nx + 1)) for j in range(ny) for k in row[:-1] + j * (nx + 1)]
+        rows += [("quad", body, (k, k + 1, k + nx + 2, k + nx + 1)) for j in range(ny) for k in row[:-1] + j * (nx + 1)]
         for side, line in (("bottom", row), ("top", top)):
-            rows += [(1, f"{body}_{side}", pair) for pair in zip(line[:-1], line[1:], strict=True)]
+            rows += [("line", f"{body}_{side}", pair) for pair in zip(line[:-1], line[1:], strict=True)]
     elements = [(k, kind, numbers[name], nodes) for k, (kind, name, nodes) in enumerate(rows, 1)]
     write_msh(path, enumerate(points, 1), elements, [(dim, numbers[name], name) for name, dim in names.items()])
 

@@ -101,7 +101,8 @@ def _nodes(block, path):
 def _sets(mesh, file, path):
     """Named sets of cells and points. A set may mix dimensions."""
     for name, parts in mesh.cell_sets.items():
-        for k, rows in enumerate(parts):
+        # those of gmsh's reader are no groups
+        for k, rows in enumerate(parts if not str(name).startswith("gmsh:") else ()):
             if rows is not None and len(rows):
                 file.add(file.tables[k].dim, str(name), k, _rows(rows, len(file.tables[k].tags), name, path))
     for name, rows in mesh.point_sets.items():

@@ -641,17 +641,51 @@ def write_msh(path, nodes, elements, names=()):
     Parameters
     ----------
     path : pathlib.Path
-    nodes : iterable of (int, sequence of 3 float)
-        Numbers and places [length].
-    elements : sequence of (int, int, int, sequence of int)
-        Number, gmsh's type, number of the group, and the nodes in gmsh's order.
-    names : sequence of (int, int, str)
+    nodes : iterable of (int, sequence of float)
+        Numbers and places, two or three coordinates [length].
+    elements : iterable of (int, str, int, sequence of int)
+        Number, kind (meshio's name), number of the group (0: of none), and the nodes in the order of VTK.
+    names : iterable of (int, int, str)
         Of the groups: dimension, number, name.
+
+    Raises
+    ------
+    InputError
+        gmsh has no elements of a kind.
     """
+    kinds = {name: (kind, np.argsort(VTK_ORDER.get(kind, range(n)))) for kind, (name, _, n) in _KINDS.items()}
+    named = [f'{dim} {number} "{name}"' for dim, number, name in names]
     text = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat"]
-    if names:
-        text += ["$PhysicalNames", str(len(names)), *(f'{d} {k} "{name}"' for d, k, name in names), "$EndPhysicalNames"]
-    rows = [f"{number} {' '.join(repr(float(x)) for x in place)}" for number, place in nodes]
-    text += ["$Nodes", str(len(rows)), *rows, "$EndNodes", "$Elements", str(len(elements))]
-    text += [f"{tag} {kind} 2 {group} {group} {' '.join(map(str, members))}" for tag, kind, group, members in elements]
-    replace_file(path, "\n".join([*text, "$EndElements", ""]))
+    text += ["$PhysicalNames", str(len(named)), *named, "$EndPhysicalNames"] if named else []
+    rows = [f"{number} {' '.join(repr(float(x)) for x in (*place, 0.0)[:3])}" for number, place in nodes]
+    text += ["$Nodes", str(len(rows)), *rows, "$EndNodes"]
+    rows = []
+    for number, name, group, members in elements:
+        if name not in kinds:
+            raise InputError(f"{path}: found elements of type {name!r}; allowed: {', '.join(kinds)}")
+        kind, order = kinds[name]
+        rows.append(f"{number} {kind} 2 {group} {group} {' '.join(str(members[k]) for k in order)}")
+    replace_file(path, "\n".join([*text, "$Elements", str(len(rows)), *rows, "$EndElements", ""]))
+
+
+def write_file(path, file):
+    """Write what a mesh file of any format holds, with numbers from 1 on. Serial.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+    file : pcontact.mesh.raw.FileMesh
+    """
+    numbers, rows, free = {}, [], [np.ones(len(table.nodes), dtype=bool) for table in file.tables]
+    for key, parts in file.groups.items():
+        number = numbers.setdefault(key, len(numbers) + 1)
+        for k, own in parts:
+            free[k][own] = False
+            rows += [(file.tables[k].kind, number, nodes) for nodes in (file.tables[k].nodes[own] + 1).tolist()]
+    for name, members in file.point_groups.items():
+        number = numbers.setdefault((0, name), len(numbers) + 1)
+        rows += [("vertex", number, [node]) for node in (members + 1).tolist()]
+    for table, own in zip(file.tables, free, strict=True):
+        rows += [(table.kind, 0, nodes) for nodes in (table.nodes[own] + 1).tolist()]
+    write_msh(path, enumerate(file.points.tolist(), 1), ((k, *row) for k, row in enumerate(rows, 1)),
+              [(dim, number, name) for (dim, name), number in numbers.items()])  # fmt: skip

@@ -203,6 +203,11 @@ def read_petsc_file(path):
         raise InputError(f"{path}: found {what!r}; allowed: a mesh that this PETSc can read") from None
     tables = read_plex(dm)
     dm.destroy()
+    return file_of(tables, path)
+
+
+def file_of(tables, path):
+    """The FileMesh of the tables of a Plex; messages name a path."""
     file, dim = FileMesh.of(tables.points), tables.points.shape[1]
     place = {kind: file.add_elements(path, MESHIO_NAMES[kind, 1], dim, nodes) for kind, nodes in tables.cells.items()}
     for name, rows in tables.cell_groups.items():

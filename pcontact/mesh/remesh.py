@@ -1,13 +1,13 @@
-"""Meshes that gmsh writes: refined ones with their groups, and new ones of a geometry after a field of sizes."""
+"""Refined meshes with their groups as files, and new ones of a geometry, which gmsh makes after a field of sizes."""
 
 from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 
-from pcontact.element.reference import CELLS, edge_nodes, facet_nodes
-from pcontact.mesh.msh import VTK_ORDER, apart
-from pcontact.mesh.raw import number_rows
+from pcontact.element.reference import CELLS, MESHIO_NAMES, edge_nodes, facet_kinds, facet_nodes
+from pcontact.mesh.msh import apart, write_file
+from pcontact.mesh.raw import FileMesh, number_rows
 from pcontact.runtime import process
 from pcontact.runtime.errors import TOLD, InputError
 from pcontact.runtime.files import GEOMETRIES, require_end, written_aside
@@ -17,10 +17,6 @@ try:
 except (ImportError, OSError):  # not installed, or a system library that it needs is missing
     gmsh = None
 
-# gmsh's element types by kind and degree
-_TYPES = {("point", 1): 15, ("point", 2): 15, ("segment", 1): 1, ("segment", 2): 8, ("triangle", 1): 2,
-          ("triangle", 2): 9, ("quadrilateral", 1): 3, ("quadrilateral", 2): 10, ("tetrahedron", 1): 4,
-          ("tetrahedron", 2): 11, ("hexahedron", 1): 5, ("hexahedron", 2): 12}  # fmt: skip
 # cells whose corners carry the sizes, as gmsh calls them in a list of data
 _VIEWS = {"triangle": "ST", "quadrilateral": "SQ", "tetrahedron": "SS", "hexahedron": "SH",
           "quadrilateral8": "SQ", "hexahedron20": "SH"}  # fmt: skip
@@ -62,50 +58,29 @@ def write_refined(path, raw):
     raw : pcontact.mesh.raw.RawMesh
         All cells of one degree.
     """
-    with _fresh():
-        gmsh.model.add("refined")
-        degree, flags = raw.blocks[0].degree, []
-        for cells in raw.cell_groups.values():
-            flags.append(np.zeros(raw.offsets[-1], dtype=bool))
-            flags[-1][cells] = True
-        tables = [(block.cell, block.nodes) for block in raw.blocks]
-        _add(raw.dim, tables, dict(zip(raw.cell_groups, flags, strict=True)), degree, raw.points)
-        for dim, groups in _lower(raw).items():
-            for tables, flags in groups:
-                _add(dim, tables, flags, degree)
-        _write_mesh(path)
-
-
-def _lower(raw):
-    """Elements of the groups of lower dimension: by dimension, tables of one kind and the groups of their rows."""
-    result = {dim: [] for dim in range(raw.dim)}
-    nodes = {name: members[:, None] for name, members in raw.node_groups.items() if name not in raw.edge_groups}
-    lines = {name: _lines(raw, edges) for name, edges in raw.edge_groups.items()}
-    for dim, kind, groups in ((0, "point", nodes), (1, "segment", lines), *_facets(raw)):
-        if not groups:
-            continue
-        every = np.concatenate(list(groups.values()))
-        _, first, number = np.unique(np.sort(every, axis=1), axis=0, return_index=True, return_inverse=True)
-        ends = np.cumsum([len(rows) for rows in groups.values()])[:-1]
-        flags = {name: np.zeros(len(first), dtype=bool) for name in groups}
-        for name, rows in zip(groups, np.split(number.ravel(), ends), strict=True):
-            flags[name][rows] = True
-        result[dim].append(([(kind, every[first])], flags))
-    return result
-
-
-def _facets(raw):
-    """Facets of groups by their kind: dimension, kind, nodes (n, n_facet_nodes) by group."""
-    found = {}
+    file = FileMesh.of(raw.points)
+    for k, (block, first) in enumerate(zip(raw.blocks, raw.offsets[:-1], strict=True)):
+        file.add_elements(path, MESHIO_NAMES[block.cell, block.degree], raw.dim, block.nodes)
+        for name, cells in raw.cell_groups.items():
+            own = cells[(cells >= first) & (cells < first + len(block.nodes))] - first
+            file.groups.setdefault((raw.dim, name), []).append((k, own))
     for name, (cells, local) in raw.facet_groups.items():
-        number = np.searchsorted(raw.offsets, cells, side="right") - 1
-        for k, block in enumerate(raw.blocks):
-            rows = number == k
-            columns = facet_nodes(block.cell, block.degree)[local[rows]]
-            nodes = block.nodes[(cells[rows] - raw.offsets[k])[:, None], columns]
-            found.setdefault(CELLS[block.cell].facet, {}).setdefault(name, []).append(nodes)
-    for kind, groups in found.items():
-        yield raw.dim - 1, kind, {name: np.concatenate(parts) for name, parts in groups.items()}
+        for block, first in zip(raw.blocks, raw.offsets[:-1], strict=True):
+            inside = (cells >= first) & (cells < first + len(block.nodes))
+            for kind, numbers in facet_kinds(block.cell):
+                rows = inside & np.isin(local, numbers)
+                nodes = block.nodes[(cells[rows] - first)[:, None], facet_nodes(kind, block.degree)[local[rows]]]
+                _add(file, name, raw.dim - 1, MESHIO_NAMES[CELLS[kind].facet, block.degree], nodes)
+    for name, edges in raw.edge_groups.items():
+        _add(file, name, 1, "line" if raw.blocks[0].degree == 1 else "line3", _lines(raw, edges))
+    file.point_groups = {name: nodes for name, nodes in raw.node_groups.items() if name not in raw.edge_groups}
+    write_file(path, file)
+
+
+def _add(file, name, dim, kind, nodes):
+    """Add elements that are a group, or a part of one."""
+    if len(nodes):
+        file.add(dim, name, file.add_elements(name, kind, dim, nodes), np.arange(len(nodes)))
 
 
 def _lines(raw, edges):
@@ -131,33 +106,6 @@ def _call(part, write, *args):
     with open(part, "wb"):
         pass
     write(*args)
-
-
-def _add(dim, tables, flags, degree, points=None):
-    """Add elements, an entity for each set of groups that they belong to; points go to the first one.
-
-    tables : kind and nodes (n, n_nodes) of elements. flags : by group, of the rows of all tables.
-    """
-    names, count = list(flags), sum(len(nodes) for _, nodes in tables)
-    table = np.stack([flags[name] for name in names], axis=1) if names else np.zeros((count, 0), bool)
-    sets, number = np.unique(table, axis=0, return_inverse=True)
-    entities = [gmsh.model.addDiscreteEntity(dim) for _ in sets]
-    if points is not None:
-        full = np.zeros((len(points), 3))
-        full[:, : points.shape[1]] = points
-        gmsh.model.mesh.addNodes(dim, entities[0], np.arange(1, len(full) + 1), full.ravel())
-    ends = np.cumsum([len(nodes) for _, nodes in tables])[:-1]
-    for (cell, nodes), of_set in zip(tables, np.split(number.ravel(), ends), strict=True):
-        kind = _TYPES[cell, degree]
-        order = VTK_ORDER.get(kind, range(nodes.shape[1]))
-        for k, entity in enumerate(entities):
-            rows = np.empty((int((of_set == k).sum()), nodes.shape[1]), dtype=np.int64)
-            rows[:, order] = nodes[of_set == k] + 1
-            if len(rows):
-                gmsh.model.mesh.addElementsByType(entity, kind, [], rows.ravel())
-    for column, name in enumerate(names):
-        members = [entity for entity, chosen in zip(entities, sets, strict=True) if chosen[column]]
-        gmsh.model.addPhysicalGroup(dim, members, name=name)
 
 
 def write_sizes(path, points, cells, sizes):

@@ -52,7 +52,7 @@ def done():
     return pc.run(scene())
 
 
-@pytest.mark.parallel(1, 2)
+@pytest.mark.parallel
 @pytest.mark.parametrize("faces", [True, False])
 def test_a_scene_on_a_dmplex(shared_tmp, faces):
     """PETSc's mesh, distributed, with the groups of gmsh's file as labels; and the mesh of a run, which has no faces:
@@ -122,6 +122,20 @@ def test_a_scene_from_arrays_is_that_of_a_file(done, tmp_path):
     read = pc.run(tmp_path / "scene.toml")
     np.testing.assert_allclose(read.displacement, done.displacement, atol=1e-15)
     assert isinstance(pc.read(tmp_path / "scene.toml"), pc.Scene)
+
+
+@pytest.mark.parametrize("name", ["m.med", "m.vtu", "m.msh"])
+def test_a_file_of_any_format_with_further_groups(done, tmp_path, name):
+    """Groups of the file stay where its format has some; others are added by numbers and places."""
+    points, cells, groups, facets = two_blocks()
+    own = name == "m.msh"
+    tags = {"gmsh:physical": [np.where(np.arange(len(cells)) < len(groups["lower"]), 1, 2)]} if own else {}
+    tags |= {"gmsh:geometrical": tags["gmsh:physical"]} if own else {}
+    names = {"lower": np.array([1, 2]), "upper": np.array([2, 2])} if own else {}
+    mesh = meshio.Mesh(points, [("quad", cells)], cell_data=tags, field_data=names)
+    meshio.write(tmp_path / name, mesh, **({"file_format": "gmsh22", "binary": True} if own else {}))
+    again = pc.run(scene(pc.mesh_from(tmp_path / name, {} if own else groups, facets)))
+    np.testing.assert_allclose(again.displacement, done.displacement, atol=1e-15)
 
 
 def test_a_mesh_of_pyvista_and_the_model_of_gmsh(done):

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,9 @@ from drivers._common import make_mesh
 from meshes.blocks import one_block
 from pcontact.estimate.size import at_vertices, largest_contributions, new_sizes
 from pcontact.io.refine import read_estimate, refine_run
+from pcontact.mesh.raw import facet_vertices
 from pcontact.mesh.read import read_mesh
+from pcontact.mesh.remesh import write_refined
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Body, Displacement, Load, Material, MeshSpec, Output, Scene
@@ -77,9 +80,11 @@ def test_command(shared_tmp):
     assert second["absolute"] < 0.75 * first["absolute"]
 
 
-def test_quadrilaterals_are_divided(tmp_path):
-    """Triangles where the estimate is large, and the groups of the file; without the option all cells are halved."""
+def test_quadrilaterals_are_divided(tmp_path, monkeypatch):
+    """Triangles where the estimate is large, and the groups of the file; without the option all cells are halved. gmsh
+    is not needed."""
     first = solve(plate(one_block(tmp_path / "plate.msh", 2, 6, "quadrilateral"), 2), tmp_path / "first")
+    monkeypatch.setattr("pcontact.mesh.remesh.gmsh", None)
     refine_run(tmp_path / "first", {"part": "0.6", "divide": "true"})
     raw = read_mesh(tmp_path / "first" / "refined.msh")
     assert [block.cell for block in raw.blocks] == ["triangle"] and 72 < raw.offsets[-1] < 144
@@ -87,6 +92,35 @@ def test_quadrilaterals_are_divided(tmp_path):
     assert second["absolute"] < 0.97 * first["absolute"]
     refine_run(tmp_path / "first", {"part": "0.6"})
     assert read_mesh(tmp_path / "first" / "refined.msh").offsets[-1] == 144
+
+
+@pytest.mark.parametrize("cell, order", [("triangle", 2), ("hexahedron", 1), ("tetrahedron", 2), ("quadrilateral", 2)])
+def test_what_is_written_is_read_again(tmp_path, cell, order):
+    """Cells, facets, edges and nodes of groups, by their places."""
+    dim = 3 if cell in ("hexahedron", "tetrahedron") else 2
+    raw = read_mesh(one_block(tmp_path / "box.msh", dim, 2, cell, order=order))
+    corner = np.flatnonzero((raw.points == raw.points.min(axis=0)).all(axis=1))
+    ends = raw.blocks[0].vertices[:1, :2]
+    edges = {"edge": ends} if dim == 3 else {}
+    raw = replace(raw, node_groups={"corner": corner, **{name: np.unique(ends) for name in edges}}, edge_groups=edges)
+    write_refined(tmp_path / "again.msh", raw)
+    again = read_mesh(tmp_path / "again.msh")
+
+    def placed(one):
+        facets = {name: [one.points[nodes].mean(axis=1) for _, nodes in facet_vertices(one, *rows)]
+                  for name, rows in one.facet_groups.items()}  # fmt: skip
+        middles = np.concatenate([one.points[block.nodes].mean(axis=1) for block in one.blocks])
+        cells = {name: [middles[rows]] for name, rows in one.cell_groups.items()}
+        nodes = {name: [one.points[rows]] for name, rows in one.node_groups.items()}
+        return {(kind, name): np.array(sorted(np.round(np.concatenate(x), 9).tolist()))
+                for kind, some in (("f", facets), ("c", cells), ("n", nodes)) for name, x in some.items()}  # fmt: skip
+
+    there, here = placed(raw), placed(again)
+    assert there.keys() == here.keys() and ("n", "corner") in here
+    for key in there.keys() - {("n", "edge")}:
+        np.testing.assert_allclose(here[key], there[key], atol=1e-12)
+    # with the node in its middle
+    assert dim == 2 or len(here["n", "edge"]) == order + 1
 
 
 def test_geometry(tmp_path):
