@@ -135,8 +135,11 @@ def inertia(draw, scene, d, depth, end, finite):
     """Mass, damping and velocities of bodies, and more load steps: waves cross a body in a time of the order of 1."""
     materials, axial = scene["materials"].values(), scene["mesh"].get("kinematics") == "axisymmetric"
     softest = float(min(np.min(one["E"]) for one in materials))
+    # supports move a tenth as fast as waves do, at most
+    ways = [abs(v) for one in scene["displacements"] for v in one["value"] if v != "free" and np.isscalar(v)]
+    light = min(1.0, 0.1 / (2.0 * max(ways, default=0.0) / end + 1e-9)) ** 2
     for name, material in scene["materials"].items():
-        material["density"] = softest * draw.uniform(f"{name}.density", 0.1, 1.0)
+        material["density"] = softest * light * draw.uniform(f"{name}.density", 0.1, 1.0)
     table = {"integrator": draw.one("integrator", ["hht", "bossak", "trapezoidal", "euler"], [45, 20, 25, 10])}
     if table["integrator"] in ("hht", "bossak") and draw.chance("integrator.said", 0.3):
         table["alpha"] = draw.one("integrator.alpha", [-0.3, -0.05, 0.0])
@@ -173,9 +176,9 @@ def inertia(draw, scene, d, depth, end, finite):
         scene["bodies"][0]["initial_displacement"] = [*[0.0] * (d - 1), value]
     for coupling_ in scene.get("couplings", []):
         if not coupling_.get("average") and draw.chance("heavy", 0.5):
-            coupling_["mass"] = 0.5 * softest
+            coupling_["mass"] = 0.5 * light * softest
             if not axial:
-                coupling_["inertia"] = 0.1 * softest if d == 2 else [0.1 * softest] * 3
+                coupling_["inertia"] = 0.1 * light * softest if d == 2 else [0.1 * light * softest] * 3
     scene["dynamics"] = table
 
 

@@ -232,7 +232,7 @@ def _compared(case, variant, reference, base, result, singular=None):
     left = [row["record"].get("partners", {}).get("change", 0.0) for run in (base, result) for row in run["steps"]]
     # what one load step of a motion gets wrong, the next ones keep
     many = len(a.times) if "dynamics" in case.scene else 1
-    allowed = max([many * variant.tolerance, *(PARTNERS * part for part in left)])
+    allowed = many * max([variant.tolerance, *(PARTNERS * part for part in left)])
     bad = [f"{key} {value:.1e}" for value, key in sorted(worst, reverse=True) if value > allowed]
     if not bad:
         return None
