@@ -1213,3 +1213,9 @@ MOTION_KEYS = ("displacement", "amplitude", "angle", "pivot", "turn_axis")
 LOADS = ("pressure", *keys(Load)["pressure"].one_of[:-1])
 # old names of keys: (table, old name) -> new name; the old one is still read, and warned of once
 RENAMED: dict[tuple[type, str], str] = {}
+# keys that tables lack, and what does instead
+INSTEAD = {
+    (Obstacle, key): "none of an obstacle, which moves as it is told; what is rigid and moves freely is a body with a "
+    "mesh, all of it a group of [[couplings]], which has the mass of its cells, and mass and inertia of its point"
+    for key in ("mass", "inertia")
+}

@@ -12,6 +12,7 @@ from pcontact.runtime.messages import closeness, cut, input_error, nearest, set_
 from pcontact.scene.changes import DEEP, DEEP_KEY, changed, plain, with_words
 from pcontact.scene.model import (
     HEADERS,
+    INSTEAD,
     LIST_TABLES,
     NAMED,
     OPTIONAL_TABLES,
@@ -176,6 +177,8 @@ def _check_keys(cls, data, file, where):
     for key in data:
         if key in known:
             continue
+        if (cls, key) in INSTEAD:
+            raise input_error(file, f"{where}.{key}", "a key that there is not", INSTEAD[cls, key])
         best, home = nearest(key, known), cls
         if closeness(key, best) < _ALIKE:
             # a key of another table, put here by mistake

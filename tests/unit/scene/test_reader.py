@@ -239,6 +239,13 @@ def test_keys_with_strange_characters_stay_on_one_line(write):
     refused(lambda: read_scene(write('"a\\nb" = 1\n' + PLAIN)), "a\\nb: found an unknown key")
 
 
+def test_an_obstacle_with_a_mass(write):
+    """It says what moves freely instead."""
+    text = PLAIN + '[[contacts]]\nsource = "a"\nobstacle = { shape = "plane", mass = 3.0 }\n'
+    refused(lambda: read_scene(write(text)), "obstacle.mass: found a key that there is not",
+            "group of [[couplings]]")  # fmt: skip
+
+
 # ---------------------------------------------------------------- values
 
 
