@@ -3,7 +3,8 @@
 * ``bar``: a bar (length 10, E 900, rho 1, waves at 30) hits a wall with the velocity 10. Contact from 0.5 to 7/6, force
   300 throughout, and it leaves as a whole with 10. By integrator and theta, on 100 cells at a Courant number of 0.5.
 * ``bounce``: the same bar falls from rest (g 10): where its foot is at 2, 2.5, 3, and how high its middle comes after
-  each bounce (it rests, undeformed, after every second one).
+  each bounce (it rests, undeformed, after every second one). Waves that come back later than those of other lengths are
+  what a bounce lacks: at a Courant number of sqrt(1/2) the consistent mass makes them as fast as the integrator slow.
 * ``string``: E = rho = L = 1, held at x = 1, let go from u = (1 - x)/2 above a wall that it hits in every period of 3:
   the energy 1/8 for ever, the force 1/2 in contact.
 * ``held``: a bar whose sides are held (code_aster SDNV100: L 0.2, side 0.02, E 2e11, rho 8000, gap 2e-3, velocity 100);
@@ -42,9 +43,11 @@ CASES = ("bar", "bounce", "string", "held", "hertz", "elastic", "taylor", "slide
 # energy after the impact over that before, by integrator and theta, of an independent code with 100 cells
 TABLE = {("hht", 0.0): 0.9998, ("trapezoidal", 0.0): 1.015, ("trapezoidal", 1.0): 1.0, ("hht", 1.0): 0.993,
          ("euler", 0.0): 0.875}  # fmt: skip
-BOUNDS = {"bar": 0.01, "bounce": 0.035, "string": 0.04, "held": 0.02, "hertz": 0.02, "elastic": 0.005, "taylor": 0.02,
+BOUNDS = {"bar": 0.01, "bounce": 0.01, "string": 0.04, "held": 0.02, "hertz": 0.02, "elastic": 0.005, "taylor": 0.02,
           "slider": 2e-3}  # fmt: skip
 FEET = {2.0: 1.6667, 2.5: 4.0278, 3.0: 4.4444}
+# ends of the contacts, beginnings of the next ones, and how high the middle is between them
+BOUNCES = ((5.0 / 3.0, 11.0 / 3.0, 9.25926), (13.0 / 3.0, 19.0 / 3.0, 10.0), (7.0, 9.0, 9.25926))
 ALWAYS = [(0, 1), (1, 1)]
 
 
@@ -76,7 +79,7 @@ def mechanical(record):
     return record["energy"]["kinetic"] + record["energy"]["stored"]
 
 
-def fall(args, petsc, end, gravity=0.0, theta=0.0, integrator="hht"):
+def fall(args, petsc, end, gravity=0.0, theta=0.0, integrator="hht", courant=0.5):
     """The bar of length 10 above the wall."""
     n = 10 if args.tiny else args.n or 100
     path = make_mesh(one_block, args.o / "bar.msh", 2, (1, n), size=(1.0, 10.0), lower=(0.0, 5.0))
@@ -86,7 +89,7 @@ def fall(args, petsc, end, gravity=0.0, theta=0.0, integrator="hht"):
         title="A bar on a wall", mesh=MeshSpec(path), materials={"m": Material(900.0, 0.0, density=1.0)},
         bodies=[Body("block", "m", initial_velocity=[0.0, 0.0 if gravity else -10.0])],
         contacts=[wall("bottom", theta, 2.0)], displacements=sides, loads=loads,
-        steps=Steps(end, round(end * 60.0 * n / 10.0)), output=Output(fields=False, probes=["bottom"]),
+        steps=Steps(end, round(end * 30.0 * n / 10.0 / courant)), output=Output(fields=False, probes=["bottom"]),
         dynamics=Dynamics(integrator=integrator), petsc=petsc,
     )  # fmt: skip
     return solve(args, "bar", scene)
@@ -110,12 +113,12 @@ def bar(args, petsc):
 
 
 def bounce(args, petsc):
-    """The bar falls from rest, twice or three times."""
-    records, converged, norms = fall(args, petsc, 1.2 if args.tiny else 6.2, gravity=10.0)
+    """The bar falls from rest, four times."""
+    records, converged, norms = fall(args, petsc, 1.2 if args.tiny else 9.0, gravity=10.0, courant=np.sqrt(0.5))
     foot = 5.0 + column(records, "probes", "bottom", "mean")[:, 1]
     time, middle = column(records, "time"), 10.0 - column(records, "energy", "loads") / 100.0
     rows = [(f"foot at {t:g}", place, float(np.interp(t, time, foot))) for t, place in FEET.items() if t < time[-1]]
-    for number, (begin, end, height) in enumerate(((5.0 / 3.0, 11.0 / 3.0, 9.25926), (13.0 / 3.0, 6.2, 10.0)), 1):
+    for number, (begin, end, height) in enumerate(BOUNCES, 1):
         inside = (time > begin) & (time < end)
         if time[-1] >= end - 0.01:
             rows.append((f"height of bounce {number}", height, float(middle[inside].max())))

@@ -12,8 +12,8 @@ and do the work of F and M on the mean motion of the group
 A group whose mean motion is prescribed: a coupling on average, which leaves the group free to deform.
 
 The motion of the reference point is that of `pcontact.assembly.coupling`, linear in the displacement of the group, and
-each of its prescribed components is an equation, sum(w_k u_k) = value (`pcontact.space.constraints`). What holds them is
-a force and a moment, spread over the group as a load on its point is.
+each of its prescribed components is an equation, sum(w_k u_k) = value (`pcontact.space.constraints`). What holds them
+is a force and a moment, spread over the group as a load on its point is.
 """
 
 import numpy as np

@@ -145,7 +145,7 @@ class Inertia(Item):
         size, (first, last) = self._size, self._weights.displacement
         way = np.abs(self._values(u)) + np.abs(self._begin) + size * np.abs(self.velocity)
         way += size**2 * abs(first) * np.abs(self.acceleration)
-        out += self.mass.times(way / (size**2 * last), self.mass.magnitudes)
+        out += self.mass.magnitude(way / (size**2 * last))
 
     def tangent(self, u, rule=LAW):
         """Values (nnz, d, d) on :meth:`pattern`; between steps none, for small motions about the state."""

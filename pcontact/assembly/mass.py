@@ -75,10 +75,12 @@ class Mass:
         owned = OwnedRows(space.numbering, space.exchanger, nodes[:n], rowptr, columns)
         return owned, owned.sum(np.ascontiguousarray(blocks.transpose(0, 2, 1, 3).reshape(-1, d, d)))
 
-    @property
-    def magnitudes(self):
-        """Magnitudes of the blocks of cells, for :meth:`times`."""
-        return np.abs(self._cells)
+    def magnitude(self, values):
+        """Sum of the absolute terms of the product (n_owned, d) with values (n_owned, d) >= 0. *Collective.*"""
+        out = self.times(values, np.abs(self._cells))
+        for group, masses in self._points:
+            group.weigh(masses, values, out, np.abs)
+        return out
 
     def spread(self, values):
         """Blocks on the pattern of cells (n, d, d) as values on the whole one (nnz, d, d)."""

@@ -450,9 +450,10 @@ class RigidGroup(Constraint):
         turns = np.broadcast_to(np.atleast_1d(inertia), len(self.free) - d) / self._scale**2
         return np.concatenate([np.full(d, mass), turns])
 
-    def weigh(self, masses, values, out):
-        """Add to ``out`` (n_owned, d) what masses (k,) of the motions make of values (n_owned, d). *Collective.*"""
-        out[self.rows] += self._motions @ (self._inverse @ (masses * self._amounts(values)))
+    def weigh(self, masses, values, out, of=np.asarray):
+        """Add to ``out`` (n_owned, d) what masses (k,) of the motions make of values (n_owned, d); `of` np.abs: the
+        magnitude of that, for rounding errors. *Collective.*"""
+        out[self.rows] += of(self._motions) @ (of(self._inverse) @ (masses * of(self._amounts(values))))
 
     def leading_mass(self, masses):
         """The same between the leading components (m, m)."""
