@@ -1,7 +1,7 @@
 """What contact costs: a ball on a block against one linear elastic solve on the same mesh, in the same run.
 
     mpirun -n 2 python scripts/bench.py [--unknowns 200000] [--theta 0] [--friction 0.3] [--yield-stress 5]
-                                        [--repeat 3] [any option]
+                                        [--repeat 3] [--impact 100] [any option]
     python scripts/bench.py --against REV [--ranks 2] [--repeat 5] [...]
 
 Both solves use the same Krylov method and preconditioner; the elastic one (body forces, no contact) goes to a relative
@@ -9,9 +9,17 @@ tolerance of 1e-8. With --friction the same press is solved with and without it,
 plasticity (perfect, of both bodies). --repeat runs all of them in turn and keeps the fastest of each: other work on the
 machine disturbs less. Prints ratios, writes bench.json.
 
+With --impact N the ball hits the block instead: N load steps of the length T / N, T the duration of the impact by
+Hertz, and N of a quarter of that; what a load step costs, and Krylov iterations for each linear solve, beside those of
+statics.
+
 With --against this tree and the revision REV of it run in alternation, five cases (linear elastic, contact, friction,
 plasticity, finite strain) on one mesh, each run in processes of its own; this calls mpirun itself.
 """
+
+import time as clock
+
+import numpy as np
 
 from drivers._common import main, make_mesh, make_parser, print_table, write_json
 from drivers.studies._against import against
@@ -19,21 +27,40 @@ from drivers.studies._press import make_scene
 from drivers.studies.scaling import triad
 from meshes import ball_on_block
 from pcontact.runtime import log
+from pcontact.runtime.observer import Observer
 from pcontact.runtime.petsc import MPI
+from pcontact.scene.model import Dynamics, Steps
 from pcontact.simulation import Simulation
+
+# of the ball that hits the block: its velocity, as a part of sqrt(E / density) [-]
+SPEED = 0.01
+
+
+class Counts(Observer):
+    """Iterations of Newton's method and of the linear solvers of all load steps."""
+
+    def __init__(self):
+        self.newton = self.krylov = self.steps = 0
+
+    def step(self, step, u, record):
+        self.newton, self.krylov, self.steps = (
+            self.newton + step.newton, self.krylov + step.krylov, self.steps + 1)  # fmt: skip
 
 
 def run(description):
     """Run a scene; its timing, counts, and seconds from the first search to the end of the solve."""
-    simulation = Simulation(description)
-    if not simulation.run(None):
+    simulation, counts = Simulation(description), Counts()
+    begin = clock.process_time()
+    if not simulation.run(None, [counts]):
         raise SystemExit(1)
-    snes = simulation.newton.snes
+    processor, snes = clock.process_time() - begin, simulation.newton.snes
     timing = simulation.times()
     result = {
         "unknowns": simulation.problem.space.n_dofs,
-        "newton": snes.getIterationNumber(),
-        "krylov": snes.getLinearSolveIterations(),
+        "newton": counts.newton,
+        "krylov": counts.krylov,
+        "steps": counts.steps,
+        "processor": simulation.comm.allreduce(processor, op=MPI.MAX),
         "ksp": snes.getKSP().getType(),
         "pc": snes.getKSP().getPC().getType(),
         "solve": timing["search"] + timing["assembly"] + timing["linear"],
@@ -81,6 +108,42 @@ def ratios(rows):
 def _keep_fastest(rows, name, row):
     if name not in rows or row["solve"] < rows[name]["solve"]:
         rows[name] = row
+
+
+def struck(mesh, count, end):
+    """The scene of an impact: the ball flies at the block, which it touches at the beginning, for a time."""
+    scene = make_scene(mesh, "elastic")
+    scene.contacts[0].theta = None
+    scene.displacements = scene.displacements[:1]
+    for material in scene.materials.values():
+        material.density = 1.0
+    scene.bodies[0].initial_velocity = [0.0, 0.0, -SPEED * np.sqrt(scene.materials["ball"].E)]
+    scene.steps, scene.dynamics = Steps(end, count), Dynamics()
+    return scene
+
+
+def impact(args):
+    """The ball hits the block. Returns the exit status."""
+    unknowns = 5000 if args.tiny else args.unknowns
+    mesh = make_mesh(ball_on_block, args.o / f"ball_{unknowns}.msh", unknowns=unknowns)
+    # half a ball of the radius 1, and a block of the same material: E / 2 / (1 - nu^2)
+    stiffness, speed = 1e3 / 2.0 / (1.0 - 0.3**2), SPEED * np.sqrt(1e3)
+    duration = 2.87 * ((2.0 / 3.0 * np.pi) ** 2 / (stiffness**2 * speed)) ** 0.2
+    scenes = {"linear": make_scene(mesh, "linear", 1.0), "contact": make_scene(mesh, "elastic", 1.0)}
+    run(scenes["contact"])
+    rows = {name: run(scene) for name, scene in scenes.items()}
+    for name, end in (("impact", duration), ("impact, short", 0.25 * duration)):
+        run(struck(mesh, 1, end / args.impact))
+        rows[name] = run(struck(mesh, args.impact, end))
+    elastic = rows["linear"]
+    print_table("", ["", "steps", "Newton / step", "Krylov / solve", "time / step", "processor time / step"], [
+        [name, str(row["steps"]), f"{row['newton'] / row['steps']:.2f}", f"{row['krylov'] / max(row['newton'], 1):.1f}",
+         f"{row['solve'] / row['steps'] / elastic['linear']:.2f}",
+         f"{row['processor'] / row['steps'] / elastic['processor']:.2f}"] for name, row in rows.items()
+    ])  # fmt: skip
+    log.info("times in those of one linear elastic solve (rtol 1e-8), %d unknowns", elastic["unknowns"])
+    write_json(args.o / "bench_impact.json", {"ranks": MPI.COMM_WORLD.size, **rows})
+    return 0
 
 
 def compare(args):
@@ -135,4 +198,5 @@ if __name__ == "__main__":
     PARSER.add_argument("--repeat", type=int, default=1)
     PARSER.add_argument("--against", metavar="REV", help="compare with this revision instead; without mpirun")
     PARSER.add_argument("--ranks", type=int, default=2, help="of mpirun, with --against (%(default)s)")
-    main(lambda args: against(args) if args.against else compare(args), PARSER)
+    PARSER.add_argument("--impact", type=int, metavar="N", help="the ball hits the block, in N load steps")
+    main(lambda args: against(args) if args.against else impact(args) if args.impact else compare(args), PARSER)

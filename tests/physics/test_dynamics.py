@@ -141,6 +141,20 @@ def test_a_rigid_body_that_moves_freely_hits_a_bar(shared_tmp, point):
     assert steps[0]["energy"]["initial"] == pytest.approx(0.5 * mass * speed**2, rel=1e-9)
 
 
+def test_a_collision_without_friction_keeps_the_moment_of_momentum(shared_tmp):
+    """Up to an error that falls nearly fourfold when steps are halved."""
+    errors = []
+    for dt in (0.02, 0.01):
+        scene = collision(shared_tmp, dt, 0.3, friction=0.0, integrator="trapezoidal")
+        scene.contacts[0].theta, scene.petsc = 0.0, {"snes_rtol": "1e-11"}
+        steps = run(scene, SELF, shared_tmp / f"{dt}")
+        momentum, about = (column(steps, "inertia", key) for key in ("momentum", "moment_of_momentum"))
+        assert np.abs(momentum - momentum[0]).max() < 1e-10
+        assert np.abs(column(steps, "contacts", "pair", "force")).max() > 1.0
+        errors.append(np.abs(about - about[0]).max())
+    assert errors[0] > 3.5 * errors[1]
+
+
 def test_a_body_that_turns_keeps_its_moment_of_momentum(shared_tmp):
     """No contact: the error falls fourfold when the step is halved."""
     errors = []
