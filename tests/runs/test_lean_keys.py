@@ -23,7 +23,7 @@ from tests.support.point_laws import add_all, remove_all
 
 # modules of the kernels that a plain run calls, and what its report says of a load step
 KERNELS = {
-    "averages", "distortion_kernels", "elastic", "facet_maps",
+    "averages", "measures", "elastic", "facet_maps",
     "geometry", "graph", "matrix", "mesh", "nearest", "operator", "points", "raw", "slices", "small_kernels",
     "small", "solid", "strains", "topology", "trace", "tree", "unjoined",
 }  # fmt: skip
@@ -57,6 +57,9 @@ def with_feature(path, feature):
         setattr(result, name, replace(getattr(result, name), **more))
     elif feature in loads:
         result.loads = [loads[feature]]
+    elif feature == "inertia in snaps":
+        result.steps = replace(result.steps, through_snaps="dynamic")
+        result.materials = {name: replace(one, density=1.0) for name, one in result.materials.items()}
     elif feature == "reduced integration":
         result = with_feature(path, "serendipity")
         result.bodies = [replace(body, integration="reduced") for body in result.bodies]

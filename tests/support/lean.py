@@ -79,6 +79,7 @@ FEATURES = {
         "contact.surface.smooth_geometry:SmoothSurface.__init__",
         "contact.surface.smooth_geometry:SmoothSurface.offset",
     ],
+    "inertia in snaps": ["assembly.inertia:Snap.__init__"],
     "orthotropic materials": [
         "assembly.strains:add_stiffness", "contact.traction.small:_LinearRows.__init__",
         "material.orthotropic:Orthotropic.__init__", "material.orthotropic:Orthotropic.deviation",
