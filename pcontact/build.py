@@ -35,8 +35,7 @@ from pcontact.mesh.raw import RawMesh
 from pcontact.mesh.topology import OTHER, cut, missing, without
 from pcontact.pairs import contact_reports, oriented, since_of, tied_pairs
 from pcontact.runtime import log, profile
-from pcontact.runtime.errors import TOLD
-from pcontact.runtime.messages import input_error
+from pcontact.runtime.errors import TOLD, input_error
 from pcontact.runtime.parallel import together
 from pcontact.runtime.petsc import MPI, PETSc
 from pcontact.scene import (

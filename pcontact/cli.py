@@ -22,8 +22,7 @@ from pcontact.io.report_schema import report_schema
 from pcontact.mesh.hdf5 import convert, mesh_sizes
 from pcontact.mesh.mesh import size_of
 from pcontact.runtime import log, process
-from pcontact.runtime.commands import CONVERT, DEMO, JSON, MODES, NEW, WARM
-from pcontact.runtime.declared import COMMAND_LINE, read_all
+from pcontact.runtime.declared import COMMAND_LINE, CONVERT, DEMO, JSON, MODES, NEW, WARM, read_all
 from pcontact.runtime.errors import TOLD, InputError
 from pcontact.runtime.files import replace_file
 from pcontact.runtime.options import Options

@@ -22,7 +22,7 @@ from pcontact.contact.traction.target import is_two_sided
 from pcontact.mesh.mesh import size_of
 from pcontact.mesh.read import read_surface
 from pcontact.runtime import log
-from pcontact.runtime.messages import input_error
+from pcontact.runtime.errors import input_error
 from pcontact.runtime.parallel import agree, on_root, together
 from pcontact.runtime.petsc import MPI
 from pcontact.scene import amplitude, obstacle_functions

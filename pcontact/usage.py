@@ -5,8 +5,24 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from pcontact import __version__
-from pcontact.runtime.commands import CONVERT, DEMO, IMPORT, JSON, MODES, NEW, PLOT, REFINE, SCHEMA, SET, VIEW, WARM
-from pcontact.runtime.declared import OPTIONS, SECTIONS, help_lines, listed
+from pcontact.runtime.declared import (
+    CONVERT,
+    DEMO,
+    IMPORT,
+    JSON,
+    MODES,
+    NEW,
+    OPTIONS,
+    PLOT,
+    REFINE,
+    SCHEMA,
+    SECTIONS,
+    SET,
+    VIEW,
+    WARM,
+    help_lines,
+    listed,
+)
 from pcontact.runtime.errors import InputError
 from pcontact.scene import Contact, MeshSpec, Output, Scene, Steps
 from pcontact.scene.keys import options as key_options

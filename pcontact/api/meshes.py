@@ -13,9 +13,9 @@ import numpy as np
 
 from pcontact.element.reference import CELLS, MESHIO_NAMES, facet_kinds, facet_nodes
 from pcontact.io.vtu import CELL_NAMES
-from pcontact.mesh.meshio_reader import from_meshio
+from pcontact.mesh.formats import from_meshio
 from pcontact.mesh.msh import write_file
-from pcontact.mesh.plex_reader import LOWER, file_of, read_plex
+from pcontact.mesh.plex import LOWER, file_of, read_plex
 from pcontact.mesh.raw import KINDS, FileMesh, Table, number_rows
 from pcontact.mesh.read import read_file
 from pcontact.runtime.errors import InputError

@@ -19,8 +19,7 @@ import numpy as np
 from pcontact.api.running import run
 from pcontact.api.scenes import read
 from pcontact.api.tables import Table, Tables, lost, there
-from pcontact.runtime.errors import TOLD, InputError, NotConverged
-from pcontact.runtime.messages import unknown_name
+from pcontact.runtime.errors import TOLD, InputError, NotConverged, unknown_name
 from pcontact.runtime.petsc import MPI
 from pcontact.runtime.process import environment_outside
 from pcontact.scene import model

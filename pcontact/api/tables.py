@@ -9,7 +9,7 @@ from typing import Any, SupportsIndex, TypeVar
 
 import numpy as np
 
-from pcontact.runtime.messages import unknown_name
+from pcontact.runtime.errors import unknown_name
 
 V = TypeVar("V")
 # attributes of tables that are no keys

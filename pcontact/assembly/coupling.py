@@ -20,7 +20,7 @@ import numpy as np
 
 from pcontact.assembly.patches import group_patches, node_patches
 from pcontact.mesh.mesh import size_of
-from pcontact.runtime.messages import input_error
+from pcontact.runtime.errors import input_error
 from pcontact.runtime.petsc import MPI
 from pcontact.space.constraints import moved
 from pcontact.space.turn import moments

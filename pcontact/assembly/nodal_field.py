@@ -4,8 +4,8 @@ import numpy as np
 
 from pcontact.element.reference import CELLS, reference_nodes
 from pcontact.element.shape import shape, shape_gradient
-from pcontact.mesh.meshio_reader import read_meshio
-from pcontact.runtime.messages import input_error, listed, shown, unknown_name
+from pcontact.mesh.formats import read_meshio
+from pcontact.runtime.errors import input_error, listed, shown, unknown_name
 from pcontact.runtime.parallel import agree, on_root
 
 # [extent of the file's nodes] So near to a node of the file a node of the mesh is the same. From: the digits of single

@@ -21,8 +21,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pcontact.runtime.errors import input_error
 from pcontact.runtime.jit import njit, njit_inner
-from pcontact.runtime.messages import input_error
 from pcontact.scene.functions import Prescribed
 
 OPEN, STICK, SLIP = 0, 1, 2

@@ -12,8 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pcontact.runtime.errors import InputError
-from pcontact.runtime.messages import CONTROL, input_error
+from pcontact.runtime.errors import CONTROL, InputError, input_error
 from pcontact.space.turn import Turn
 
 # files that include each other

@@ -12,8 +12,7 @@ from pcontact.mesh.raw import KINDS
 from pcontact.mesh.read import read_mesh
 from pcontact.mesh.refinement.gather import halved_where
 from pcontact.mesh.remesh import remesh, write_refined, write_sizes
-from pcontact.runtime.commands import ERROR, PART, REFINE
-from pcontact.runtime.declared import read_all
+from pcontact.runtime.declared import ERROR, PART, REFINE, read_all
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
@@ -29,7 +28,7 @@ def refine_run(directory, options, comm=MPI.COMM_SELF):
     directory : str
         The output directory of a run with an estimate.
     options : dict of str to str
-        Without dashes; keys of `pcontact.runtime.commands.REFINE`.
+        Without dashes; keys of `pcontact.runtime.declared.REFINE`.
     comm : MPI.Comm, optional
         Its ranks cut the cells together; rank 0 alone reads and writes files, and has gmsh make meshes of geometries.
 

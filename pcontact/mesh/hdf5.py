@@ -14,7 +14,7 @@ import numpy as np
 
 from pcontact.element.reference import CELLS, SERENDIPITY, n_nodes
 from pcontact.mesh.mesh import as_met, z_order
-from pcontact.mesh.plex_reader import is_petsc_file
+from pcontact.mesh.plex import is_petsc_file
 from pcontact.mesh.raw import complete, facet_multiplicity, say_lost
 from pcontact.mesh.read import read_mesh
 from pcontact.mesh.slices import MeshSlice, SliceBlock

@@ -14,11 +14,9 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact.element.reference import CELLS
-from pcontact.mesh.exodus import read_exodus
-from pcontact.mesh.med import read_med
-from pcontact.mesh.meshio_reader import from_meshio, read_meshio
+from pcontact.mesh.formats import from_meshio, read_exodus, read_med, read_meshio
 from pcontact.mesh.msh import read_gmsh, read_unv
-from pcontact.mesh.plex_reader import read_petsc_file
+from pcontact.mesh.plex import read_petsc_file
 from pcontact.mesh.raw import (
     KINDS,
     Block,
@@ -34,9 +32,8 @@ from pcontact.mesh.raw import (
 )
 from pcontact.mesh.topology import cell_name, components, orient
 from pcontact.runtime import log
-from pcontact.runtime.errors import InputError
+from pcontact.runtime.errors import InputError, input_error, listed, unknown_name
 from pcontact.runtime.jit import njit_exact
-from pcontact.runtime.messages import input_error, listed, unknown_name
 
 __all__ = ["Block", "RawMesh", "complete", "components", "facet_multiplicity", "from_meshio", "read_mesh"]
 

@@ -10,7 +10,7 @@ import os
 from collections.abc import Callable
 from typing import NamedTuple
 
-from pcontact.runtime.messages import CONTROL, input_error, kind, shown
+from pcontact.runtime.errors import CONTROL, input_error, kind, shown
 
 # sizes of numbers between which squares and products of several of them neither overflow nor lose digits
 TINY, HUGE = 1e-60, 1e60

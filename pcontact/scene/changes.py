@@ -9,8 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pcontact.runtime.errors import InputError
-from pcontact.runtime.messages import cut, input_error, unknown_name
+from pcontact.runtime.errors import InputError, cut, input_error, unknown_name
 from pcontact.scene.model import LIST_TABLES, Contact
 
 # [parts] of a dotted key, from which on it is none of a scene: reading one takes a time that grows with their square

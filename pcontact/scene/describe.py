@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pcontact.runtime.messages import shown
+from pcontact.runtime.errors import shown
 from pcontact.scene.amplitude import MULTIPLIED, Amplitude, amplitude_of
 from pcontact.scene.expressions import text_of
 from pcontact.scene.integrators import INTEGRATORS

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pcontact.runtime.messages import input_error
+from pcontact.runtime.errors import input_error
 
 # letters; nodes of the tree; nodes from the root to a leaf
 LONGEST, MOST, DEEPEST = 2000, 500, 100

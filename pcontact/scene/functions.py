@@ -10,8 +10,8 @@ from types import ModuleType
 
 import numpy as np
 
+from pcontact.runtime.errors import input_error, shown
 from pcontact.runtime.files import GEOMETRIES, SCRIPTS
-from pcontact.runtime.messages import input_error, shown
 from pcontact.scene.expressions import Called, Expression, Watched
 from pcontact.scene.model import Scene
 from pcontact.scene.places import place

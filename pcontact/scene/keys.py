@@ -19,7 +19,7 @@ from functools import cache
 from typing import Any, TypeVar, dataclass_transform
 
 from pcontact.runtime.declared import Option
-from pcontact.runtime.messages import unknown_name
+from pcontact.runtime.errors import unknown_name
 from pcontact.runtime.rules import NON_NEGATIVE, TEXT, Rule, either, entries, number, optional, sequence, text
 from pcontact.scene.expressions import ALLOWED, CONDITION, Called, Condition, Expression
 

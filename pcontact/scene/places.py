@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator
 
-from pcontact.runtime.messages import input_error
+from pcontact.runtime.errors import input_error
 from pcontact.scene.keys import keys
 from pcontact.scene.model import LIST_TABLES, NAMED, OPTIONAL_TABLES, Contact, Equation, Scene
 from pcontact.scene.target import Target

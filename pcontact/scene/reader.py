@@ -8,7 +8,7 @@ from functools import cache
 from pathlib import Path
 
 from pcontact.runtime import log
-from pcontact.runtime.messages import closeness, cut, input_error, nearest, set_elsewhere, shown
+from pcontact.runtime.errors import closeness, cut, input_error, nearest, set_elsewhere, shown
 from pcontact.scene.changes import DEEP, DEEP_KEY, changed, plain, with_words
 from pcontact.scene.model import (
     HEADERS,

@@ -5,8 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pcontact.runtime.errors import InputError
-from pcontact.runtime.messages import input_error, listed, unknown_name
+from pcontact.runtime.errors import InputError, input_error, listed, unknown_name
 from pcontact.scene.expressions import NORMAL, PLACES, Condition
 from pcontact.scene.functions import names
 from pcontact.scene.keys import holds, keys

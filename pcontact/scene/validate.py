@@ -10,8 +10,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from pcontact.runtime import log
+from pcontact.runtime.errors import CONTROL, closeness, input_error, listed, nearest, shown, unknown_name
 from pcontact.runtime.files import GEOMETRIES
-from pcontact.runtime.messages import CONTROL, closeness, input_error, listed, nearest, shown, unknown_name
 from pcontact.runtime.rules import PETSC_VALUE, TEXT, apply
 from pcontact.scene.functions import expressions
 from pcontact.scene.keys import conflicts, holds, keys

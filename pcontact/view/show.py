@@ -3,8 +3,7 @@
 from pathlib import Path
 
 from pcontact.io.result import has_fields
-from pcontact.runtime.commands import MOVIES, PAGES, PLOT, TURNED, VIEW
-from pcontact.runtime.declared import read_all
+from pcontact.runtime.declared import MOVIES, PAGES, PLOT, TURNED, VIEW, read_all
 from pcontact.runtime.errors import InputError
 from pcontact.view import extra
 
@@ -17,7 +16,7 @@ def show(directory, options):
     directory : str
         The output directory of a run.
     options : dict of str to str
-        Without dashes; keys of `pcontact.runtime.commands.VIEW`.
+        Without dashes; keys of `pcontact.runtime.declared.VIEW`.
 
     Returns
     -------
@@ -88,7 +87,7 @@ def plot_history(operands, options):
     operands : list of str
         The directory, the column across, and those upward.
     options : dict of str to str
-        Keys of `pcontact.runtime.commands.PLOT`.
+        Keys of `pcontact.runtime.declared.PLOT`.
 
     Returns
     -------

@@ -19,9 +19,8 @@ from pcontact.mesh.msh import apart
 from pcontact.mesh.refinement.numbering import Neighbours, values_by_key
 from pcontact.mesh.topology import mixed, outer_facets
 from pcontact.runtime import log, process
-from pcontact.runtime.errors import InputError
+from pcontact.runtime.errors import InputError, input_error
 from pcontact.runtime.files import GEOMETRIES
-from pcontact.runtime.messages import input_error
 from pcontact.runtime.parallel import Exchanger, together
 from pcontact.runtime.petsc import MPI
 

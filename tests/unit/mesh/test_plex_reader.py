@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pcontact.mesh.distribute import load_mesh
-from pcontact.mesh.plex_reader import read_plex
+from pcontact.mesh.plex import read_plex
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import MPI, PETSc
 from tests.support.small import blocks_file
