@@ -8,7 +8,7 @@ import numpy as np
 
 from pcontact.importer.deck import RIGID as ELEMENTS
 from pcontact.importer.deck import outward, surface_faces
-from pcontact.importer.history import factors
+from pcontact.importer.history import amplitude_key
 from pcontact.space.turn import Turn
 
 # numbers of a term: node, degree of freedom, coefficient
@@ -244,9 +244,7 @@ class Pretensions:
             most = 0.0 if history is None else history.most
             one = {"region": self.groups.add("facets", surface.name, surface.faces)}
             one[key] = self._sign(card, surface) * most
-            table = None if history is None else factors(history.key(), most, end)
-            if table is not None:
-                one["amplitude"] = [list(row) for row in table]
+            one |= amplitude_key(None if history is None else history.amplitude(end))
             self.findings.take(card)
             found.append((one, card))
         return found
@@ -480,7 +478,7 @@ class References:
             if one.name != group:
                 base["name"] = one.name
             motion = _components(most, dim)
-            amplitude = {} if table is None else {"amplitude": [list(row) for row in table]}
+            amplitude = amplitude_key(table)
             if one.kind == RIGID:
                 header, made = self._rigid_table(one, base, motion, amplitude, run.finite is not None)
                 found[header].append((made, one.card))
@@ -513,8 +511,7 @@ class References:
             size = float(np.linalg.norm(turn)) if dim > 2 else float(turn[0])
             motion |= {"angle": float(np.degrees(size)), "pivot": list(self.deck.nodes[one.node][:dim])}
             motion |= {"turn_axis": (turn / size).tolist()} if dim > 2 else {}
-        if motion and table is not None:
-            motion["amplitude"] = [list(row) for row in table]
+        motion |= amplitude_key(table) if motion else {}
         for obstacle in one.members[1]:
             obstacle |= motion
         self.findings.take(one.card, "a rigid surface")
@@ -539,32 +536,27 @@ class References:
     def _shape(self, one, histories, end):
         """Largest values, and the one amplitude that they have."""
         most = {k: None if history is None else history.most for k, history in histories.items()}
-        moving = {k: history for k, history in histories.items() if history is not None and history.most != 0.0}
-        tables = {k: factors(history.key(), history.most, end) for k, history in moving.items()}
-        kinds = {None if table is None else tuple(map(tuple, table)) for table in tables.values()}
+        moving = [history for history in histories.values() if history is not None and history.most != 0.0]
+        kinds = dict.fromkeys(history.amplitude(end) for history in moving)
         if len(kinds) > 1:
             self.findings.leave(one.card, "components that move each by its own amplitude: that of the first")
-        return most, next(iter(tables.values()), None)
+        return most, next(iter(kinds), None)
 
     def _loads(self, one, base, forces, dim, end):
         """Forces and moments on the point, together where their amplitudes are the same."""
         same = {}
         for k, history in forces.items():
             if history is not None and history.most != 0.0:
-                table = factors(history.key(), history.most, end)
-                key = None if table is None else tuple(map(tuple, table))
-                same.setdefault(key, dict.fromkeys(ALL, 0.0))[k] = history.most
+                same.setdefault(history.amplitude(end), dict.fromkeys(ALL, 0.0))[k] = history.most
         loads = []
-        for key, values in same.items():
+        for table, values in same.items():
             load = {"region": base["region"], "point": base["point"], "name": f"{one.name}_{len(loads) + 1}"}
             if any(values[k] for k in range(dim)):
                 load["force"] = [values[k] for k in range(dim)]
             turn = [values[k] for k in range(MOVES, len(ALL))]
             if any(turn):
                 load["moment"] = turn if dim > 2 else values[_IN_PLANE]
-            if key is not None:
-                load["amplitude"] = [list(row) for row in key]
-            loads.append(load)
+            loads.append(load | amplitude_key(table))
         return loads
 
 

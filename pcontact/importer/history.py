@@ -117,5 +117,10 @@ def factors(points, most, end):
     """Factors of the largest value, or None where they are a ramp over the run, or nothing moves."""
     if most == 0.0:
         return None
-    table = [[time, value / most] for time, value in points]
-    return None if table == [[0.0, 0.0], [end, 1.0]] else table
+    table = tuple((time, value / most) for time, value in points)
+    return None if table == ((0.0, 0.0), (end, 1.0)) else table
+
+
+def amplitude_key(table):
+    """The key of a table of the scene that has such factors; none where they are a ramp."""
+    return {} if table is None else {"amplitude": [list(row) for row in table]}

@@ -208,9 +208,10 @@ def materials(deck, findings):
         findings.know(cards[0], "NAME")
         findings.take(cards[0])
         for card in cards[1:]:
-            reader = _READ.get(card.key)
-            if reader is not None:
-                reader(card, table, findings)
+            if card.key in _READ:
+                read, known = _READ[card.key]
+                findings.know(card, *known or card.parameters)
+                read(card, table, findings)
             elif card.key in ("CONDUCTIVITY", "SPECIFICHEAT", "DAMPING"):
                 findings.skip(card, "no static solution depends on it")
             else:
@@ -236,7 +237,6 @@ def _alike(card, rows, width, findings):
 
 
 def _elastic(card, table, findings):
-    findings.know(card, "TYPE")
     rows = _rows(card)
     if card.word("TYPE") in STIFFNESS + MODULI:
         _orthotropic(card, rows, table, findings)
@@ -264,7 +264,6 @@ def _orthotropic(card, rows, table, findings):
 
 
 def _plastic(card, table, findings):
-    findings.know(card, "HARDENING")
     rows = _alike(card, [(row + [0.0])[:3] if len(row) < _TWO else row for row in _rows(card)], 2, findings)
     kind = card.word("HARDENING", "ISOTROPIC")
     if not rows or kind not in ("ISOTROPIC", "KINEMATIC") or (kind == "KINEMATIC" and len(rows) != _TWO):
@@ -283,7 +282,6 @@ def _plastic(card, table, findings):
 
 
 def _expansion(card, table, findings):
-    findings.know(card, "TYPE", "ZERO")
     rows = _rows(card)
     kind = card.word("TYPE", "ISO")
     count = 3 if kind in STIFFNESS else 1
@@ -304,7 +302,6 @@ def _density(card, table, findings):
 
 def _hyperelastic(card, table, findings):
     """Rubber, from its energy; D of zero is a material that keeps its volume (Abaqus, Theory Guide, 4.6.1)."""
-    findings.know(card, "NEOHOOKE", "MOONEY-RIVLIN", "OGDEN", "N", "MODULI")
     terms = card.integer(card.place, card.get("N", "1"))
     law = next((name for name in ("NEOHOOKE", "MOONEY-RIVLIN", "OGDEN") if name in card.parameters), None)
     numbers = [x for place, words in card.rows for x in card.numbers(place, words)]
@@ -337,8 +334,10 @@ def straighten(deck, findings, key, table, finite):
         findings.change(card, "without NLGEOM: linear, as stiff as it is at its beginning")
 
 
-_READ = {"ELASTIC": _elastic, "HYPERELASTIC": _hyperelastic, "PLASTIC": _plastic, "EXPANSION": _expansion,
-         "DENSITY": _density}  # fmt: skip
+# how cards are read, and parameters that they may have; none: any
+_READ = {"ELASTIC": (_elastic, ("TYPE",)), "PLASTIC": (_plastic, ("HARDENING",)), "DENSITY": (_density, ()),
+         "HYPERELASTIC": (_hyperelastic, ("NEOHOOKE", "MOONEY-RIVLIN", "OGDEN", "N", "MODULI")),
+         "EXPANSION": (_expansion, ("TYPE", "ZERO"))}  # fmt: skip
 
 
 def bodies(deck, findings, tables):

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from pcontact.importer.deck import faces
-from pcontact.importer.history import Amplitude, History, factors
+from pcontact.importer.history import Amplitude, History, amplitude_key, factors
 
 # degrees of freedom of supports by name; from 4 on rotations
 _NAMED = {"XSYMM": (1, 5, 6), "YSYMM": (2, 4, 6), "ZSYMM": (3, 4, 5), "XASYMM": (2, 3, 4), "YASYMM": (1, 3, 5),
@@ -169,7 +169,7 @@ class Supports:
         """Supports and temperatures before the first step."""
         for card in self.deck.model:
             if card.key == "BOUNDARY":
-                self._boundary(card)
+                self._read(card)
             elif card.key == "INITIALCONDITIONS" and card.word("TYPE") == "TEMPERATURE":
                 self.findings.know(card, "TYPE")
                 for place, words in card.rows:
@@ -180,17 +180,15 @@ class Supports:
 
     def step(self, step, begin, end):
         """Take the cards of a step."""
-        readers = {"BOUNDARY": self._boundary, "CLOAD": self._cload, "DLOAD": self._dload, "DSLOAD": self._dsload,
-                   "TEMPERATURE": self._temperature}  # fmt: skip
         renewed = set()
         for card in step.cards:
-            if card.key not in readers:
+            if card.key not in _CARDS:
                 continue
             kind = "DLOAD" if card.key == "DSLOAD" else card.key
             if card.word("OP", "MOD") == "NEW" and kind not in renewed:
                 self._renew(kind)
             renewed.add(kind)
-            readers[card.key](card)
+            self._read(card)
         for key in self.held.now:
             self.active.setdefault(key, []).append(self.count)
         self.count += 1
@@ -211,6 +209,12 @@ class Supports:
                     values.give(key, Definition(0.0, None, old.card))
                     self.findings.change(old.card, "ends along a ramp over the step that does not say it")
 
+    def _read(self, card):
+        """Take a card."""
+        read, known = _CARDS[card.key]
+        self.findings.know(card, *known)
+        read(self, card, self._amplitude(card))
+
     def _amplitude(self, card):
         name = card.get("AMPLITUDE")
         if name and name.upper() not in self.amplitudes:
@@ -218,12 +222,10 @@ class Supports:
             return None
         return self.amplitudes[name.upper()] if name else None
 
-    def _boundary(self, card):
-        self.findings.know(card, "OP", "AMPLITUDE", "FIXED", "TYPE")
+    def _boundary(self, card, amplitude):
         if card.word("TYPE", "DISPLACEMENT") != "DISPLACEMENT" or "FIXED" in card.parameters:
             self.findings.leave(card, "allowed: prescribed displacements with values")
             return
-        amplitude = self._amplitude(card)
         self.findings.take(card)
         for place, words in card.rows:
             nodes = self.deck.nodes_of(card, place, words[0])
@@ -257,9 +259,7 @@ class Supports:
                 self.held.give((node, dof - 1), Definition(one.value, one.amplitude, card))
                 self.card_of[node, dof - 1] = card
 
-    def _cload(self, card):
-        self.findings.know(card, "OP", "AMPLITUDE")
-        amplitude = self._amplitude(card)
+    def _cload(self, card, amplitude):
         self.findings.take(card)
         for place, words in card.rows:
             dof, value = card.integer(place, _word(words, 1)), card.number(place, _word(words, 2))
@@ -273,9 +273,7 @@ class Supports:
             for key in set(keys.values()) if dof > 0 else ():
                 self.forces.give(key, Definition(value, amplitude, card), add=True)
 
-    def _dload(self, card):
-        self.findings.know(card, "OP", "AMPLITUDE")
-        amplitude = self._amplitude(card)
+    def _dload(self, card, amplitude):
         self.findings.take(card)
         for place, words in card.rows:
             label, numbers = _word(words, 1).upper(), card.numbers(place, words[2:])
@@ -292,9 +290,7 @@ class Supports:
             else:
                 self.findings.leave(card, f"{label}; allowed: P1 to P6, GRAV, CENTRIF, BX, BY, BZ", place)
 
-    def _dsload(self, card):
-        self.findings.know(card, "OP", "AMPLITUDE", "FOLLOWER")
-        amplitude = self._amplitude(card)
+    def _dsload(self, card, amplitude):
         self.findings.take(card)
         for place, words in card.rows:
             surface = self.deck.surface_of(card, place, words[0])
@@ -314,11 +310,9 @@ class Supports:
             for key in surface.faces:
                 self.pressures.give(key, Definition(card.number(place, _word(words, 2)), amplitude, card), add=True)
 
-    def _temperature(self, card):
-        self.findings.know(card, "OP", "AMPLITUDE")
+    def _temperature(self, card, amplitude):
         if card.get("FILE"):
             return
-        amplitude = self._amplitude(card)
         self.findings.take(card)
         for place, words in card.rows:
             value = card.number(place, _word(words, 1))
@@ -361,7 +355,7 @@ class Supports:
         for (dof, points, steps), nodes in classes.items():
             most = max((value for _, value in points), key=abs)
             table = factors(points, most, end)
-            key = frozenset(nodes), None if table is None else tuple(map(tuple, table)), most == 0.0, steps
+            key = frozenset(nodes), table, most == 0.0, steps
             merged.setdefault(key, (nodes, {}))[1][dof] = most
         tables = []
         for (_, table, _, steps), (nodes, values) in merged.items():
@@ -372,8 +366,7 @@ class Supports:
                 one["phases"] = [phases[k] for k in steps]
                 if steps[0] > 0:
                     one["absolute"] = True
-            if table is not None:
-                one["amplitude"] = [list(row) for row in table]
+            one |= amplitude_key(table)
             card = min(cards, key=lambda card: card.place)
             tables.append((one, card))
         return tables
@@ -442,8 +435,7 @@ class Supports:
             if most == 0.0:
                 continue
             axes = self.frames.axes(node)
-            table = factors(history.key(), most, end)
-            key = None if table is None else tuple(map(tuple, table))
+            key = history.amplitude(end)
             vector = most / thickness * (_AXES if axes is None else axes)[dof]
             rows = nodes.setdefault(node, {})
             rows[key] = rows.get(key, np.zeros(3)) + vector
@@ -460,9 +452,7 @@ class Supports:
             one = {"region": name, "force": [len(members) * x for x in vector[: self.dim]]}
             if any(load["region"] == name for load, _ in tables):
                 one["name"] = f"{name}_{len(tables) + 1}"
-            if table is not None:
-                one["amplitude"] = [list(row) for row in table]
-            tables.append((one, cards[members[0]]))
+            tables.append((one | amplitude_key(table), cards[members[0]]))
         return tables
 
     def _pressures(self, groups, end):
@@ -474,9 +464,7 @@ class Supports:
         for points, members in classes.items():
             most = max((value for _, value in points), key=abs)
             one = {"region": groups.add("facets", self._surface(members), members), "pressure": most}
-            table = factors(points, most, end)
-            if table is not None:
-                one["amplitude"] = table
+            one |= amplitude_key(factors(points, most, end))
             if self.follower:
                 one["follower"] = True
             tables.append((one, self.pressures.now[members[0]].card))
@@ -489,9 +477,7 @@ class Supports:
                 continue
             region = groups.add("facets", name, self.deck.surfaces[name.upper()].faces)
             one = {"region": region, "traction": [history.most * x for x in way[: self.dim]]}
-            table = factors(history.key(), history.most, end)
-            if table is not None:
-                one["amplitude"] = table
+            one |= amplitude_key(history.amplitude(end))
             tables.append((one, self.tractions.now[name, way].card))
         return tables
 
@@ -519,10 +505,17 @@ class Supports:
                 self.findings.change(card, "the ramp is one of the speed, not of its square")
             else:
                 one["body_force"] = [history.most if axis == label[1] else 0.0 for axis in "XYZ"[: self.dim]]
-            table = factors(history.key(), history.most, end)
+            table = history.amplitude(end)
             if label == "CENTRIF" and table is not None:
-                table = [[time, float(np.sqrt(max(factor, 0.0)))] for time, factor in table]
-            if table is not None:
-                one["amplitude"] = table
-            tables.append((one, card))
+                table = [(time, float(np.sqrt(max(factor, 0.0)))) for time, factor in table]
+            tables.append((one | amplitude_key(table), card))
         return tables
+
+
+# how cards are read, and parameters that they may have
+_CARDS = {
+    "BOUNDARY": (Supports._boundary, ("OP", "AMPLITUDE", "FIXED", "TYPE")),
+    "CLOAD": (Supports._cload, ("OP", "AMPLITUDE")), "DLOAD": (Supports._dload, ("OP", "AMPLITUDE")),
+    "DSLOAD": (Supports._dsload, ("OP", "AMPLITUDE", "FOLLOWER")),
+    "TEMPERATURE": (Supports._temperature, ("OP", "AMPLITUDE")),
+}  # fmt: skip

@@ -9,7 +9,7 @@ from pcontact.importer.constraints import Cyclic, Pretensions, References, equat
 from pcontact.importer.contacts import Contacts, name_of
 from pcontact.importer.deck import EDGES, in_plane, read_deck
 from pcontact.importer.groups import Groups, counted, write_mesh
-from pcontact.importer.history import factors
+from pcontact.importer.history import amplitude_key, factors
 from pcontact.importer.materials import bodies, integration_of, materials, order_of, straighten
 from pcontact.importer.steps import OUTPUT, Presence, read_steps
 from pcontact.importer.supports import Supports
@@ -348,7 +348,7 @@ def _temperature(deck, keys, end):
     if len(shapes) != 1:
         return None
     table = shapes.pop()
-    more = {"reference": start} | ({} if table is None else {"amplitude": [list(row) for row in table]})
+    more = {"reference": start} | amplitude_key(table)
     if len(set(values)) == 1:
         return {"value": start + values[0], **more}
     matrix = np.hstack([np.ones((len(rows), 1)), np.array(rows)])
