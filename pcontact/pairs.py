@@ -7,13 +7,13 @@ import numpy as np
 from pcontact.contact.finite_pair import finite_pair
 from pcontact.contact.formulation.methods import coercive, contacts_of_halves, halved, is_unbiased, parameter
 from pcontact.contact.law import ADDED, contact_law
+from pcontact.contact.motion import components_of as components_at
 from pcontact.contact.pair import NOTHING_MORE, Setting, contact_pair
 from pcontact.contact.report import ContactReport
 from pcontact.contact.search.all_surfaces import burdened, meetings, outer_surfaces, paired_elsewhere
 from pcontact.contact.search.overlap import overlap
 from pcontact.contact.search.self_surface import self_surface
 from pcontact.contact.segmentation.pieces import cut_source
-from pcontact.contact.summary import components_of as components_at
 from pcontact.contact.surface.facet_maps import KIND
 from pcontact.contact.surface.obstacle import RigidObstacle, RigidSurface
 from pcontact.contact.surface.sides import components_of, diameters, extents, source_surface, target_surface

@@ -10,7 +10,7 @@ import numpy as np
 from pcontact.assembly.item import ActiveSet
 from pcontact.contact import motion
 from pcontact.contact.law import OPEN
-from pcontact.contact.summary import borne
+from pcontact.contact.motion import borne
 from pcontact.runtime.petsc import MPI
 
 # [-] Area that opens, in parts of that which a full Newton step finds in tension. Row: opening. From: where the contact
@@ -163,6 +163,6 @@ class PairActiveSet(ActiveSet):
         return motion.clearance(self._pair, u, fields, beyond)
 
     def force_magnitudes(self, u):
-        """Magnitudes of the forces on every component, see :func:`pcontact.contact.summary.borne`. *Collective.*"""
+        """Magnitudes of the forces on every component, see :func:`pcontact.contact.motion.borne`. *Collective.*"""
         pair = self._pair
         return borne(pair.space, pair.pairing, pair.source, np.linalg.norm(pair.state(u)["traction"], axis=1))

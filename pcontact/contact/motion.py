@@ -3,7 +3,6 @@
 import numpy as np
 
 from pcontact.contact.law import OPEN
-from pcontact.contact.summary import components_of
 from pcontact.runtime.jit import njit
 from pcontact.runtime.petsc import MPI
 
@@ -24,6 +23,49 @@ DEEPER = 0.1
 RETURNED = 0.1
 # [-] Part of the way to a gap that is found again which a point goes at least. From: chosen.
 DAMPED = 0.25
+
+
+def components_of(space, pairing, source):
+    """Connected components of the points of a source and of their partners: (np,), (np,). *Collective.*
+
+    Returns
+    -------
+    tuple of ndarray of int
+        -1 for points without a partner that is a body.
+    """
+    numbers = np.zeros((space.n_owned, space.dim))
+    numbers[:, 0] = space.component[space.owned_local]
+    vector = space.vector()
+    vector.setArray(numbers.ravel())
+    of_node = np.rint(pairing.exchange.gather(vector)[:, 0]).astype(np.int64)
+    vector.destroy()
+    own = of_node[pairing.cells[source.facet, 0]]
+    other = np.full(len(own), -1, dtype=np.int64)
+    if pairing.targets.shape[1]:
+        other[pairing.paired] = of_node[pairing.targets[pairing.paired, 0]]
+    return own, other
+
+
+def borne(space, pairing, source, traction):
+    """What contact with others does to every connected component. *Collective.*
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    pairing : pcontact.contact.pair.Pairing
+    source : pcontact.contact.surface.sides.SourceSurface
+    traction : ndarray (np,)
+        Magnitude of a traction at the points [stress].
+
+    Returns
+    -------
+    ndarray (n_components,)
+        Sum of the magnitudes of the forces at the points of this rank [force]: forces that balance count, too.
+    """
+    own, other = components_of(space, pairing, source)
+    force = np.where(own == other, 0.0, traction * source.jxw)
+    total = np.bincount(own, force, minlength=space.mesh.n_components)
+    return total + np.bincount(other[other >= 0], force[other >= 0], minlength=space.mesh.n_components)
 
 
 def step_limit(pair, u, y, falls=None):

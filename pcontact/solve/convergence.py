@@ -9,7 +9,7 @@ bear less than the others leave open: its own forces are what says whether it ha
 import numpy as np
 
 from pcontact.runtime.petsc import MPI, PETSc, diverged_nan
-from pcontact.solve.forces import ROUNDINGS
+from pcontact.solve.problem import ROUNDINGS
 from pcontact.space.modes import RigidBodies
 
 # [-] Part of the forces on a loose body that may be left along its free motions. From: chosen, ten times SMALL of

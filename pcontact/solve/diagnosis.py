@@ -5,8 +5,8 @@ import numpy as np
 from pcontact.mesh.mesh import size_of
 from pcontact.runtime.petsc import PETSc
 from pcontact.solve.convergence import BALANCED
-from pcontact.solve.forces import ROUNDINGS
 from pcontact.solve.preconditioners import FAILED
+from pcontact.solve.problem import ROUNDINGS
 
 # [-] Part of the volume that may yield from which on a limit load is near. From: chosen; a sentence depends on it, no
 # iteration.

@@ -5,12 +5,434 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pcontact.assembly.matrix import JoinedPattern
+from pcontact.assembly.matrix import ConstrainedMatrix, GlobalMatrix, JoinedPattern
 from pcontact.runtime import profile
+from pcontact.runtime.petsc import MPI
 from pcontact.solve.active_sets import ActiveSets
-from pcontact.solve.essential import EssentialConditions
-from pcontact.solve.forces import Forces
-from pcontact.solve.prediction import Prediction
+
+
+class EssentialConditions:
+    """Prescribed components of the displacement, and those that follow others.
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    supports : pcontact.space.supports.Supports
+    features : pcontact.solve.problem.Features
+        Its `release` says how far supports have begun beside what they prescribe.
+
+    Attributes
+    ----------
+    fixed : ndarray (n_owned, d) of bool
+        Prescribed components.
+    groups : sequence of pcontact.space.rigid.RigidGroup
+        Whose displacement is rigid, sections, and equations: Newton's method has their leading components.
+    matrix : GlobalMatrix or ConstrainedMatrix
+        Of the unknowns, without entries.
+    followers : ndarray (n_owned, d) of bool or None
+        Components that follow others and are none of the linear system's; None without any.
+
+    Notes
+    -----
+    The constructor is *Collective*.
+    """
+
+    def __init__(self, space, supports, features):
+        self._space, self.supports, self.groups, self._features = space, supports, supports.groups, features
+        self.fixed = np.ascontiguousarray(supports.fixed[space.owned_local])
+        self.matrix = self.new_matrix()
+        self.followers = self.matrix.follows if self.groups else None
+
+    def new_matrix(self):
+        """A matrix of the unknowns, without entries. *Collective.*"""
+        space, fixed = self._space, self.supports.fixed
+        return ConstrainedMatrix(space, fixed, self.groups) if self.groups else GlobalMatrix(space, fixed)
+
+    def _values(self, time):
+        """Prescribed displacements (n_owned, d) [length]. *Collective.*"""
+        values = self.supports.values(time)[self._space.owned_local]
+        release = self._features.release
+        return values if release is None else values + release.shift(time)
+
+    def enter(self, u, time):
+        """Enter the prescribed displacements of a time into ``u``. *Collective.*"""
+        values = self._values(time)
+        array = u.getArray().reshape(values.shape)
+        array[self.fixed] = values[self.fixed]
+        for group in self.groups:
+            group.enter(array, time)
+        u.assemble()
+
+    def imposed(self, u, time):
+        """Largest change that the prescribed displacements make to ``u`` [length]. *Collective.*"""
+        values = self._values(time)
+        before = u.getArray(readonly=True).reshape(values.shape)
+        change = np.where(self.fixed, values - before, 0.0)
+        if self.groups:
+            after = before.copy()
+            for group in self.groups:
+                group.enter(after, time)
+            change += after - before
+        return self._space.longest(change)
+
+    def follow(self, y, x=None, start=None):
+        """Prescribed components stay where they are in a step ``y``; what follows others does so. *Collective.*
+
+        Parameters
+        ----------
+        y : PETSc.Vec
+        x, start : PETSc.Vec, optional
+            Displacements: from ``x`` the step ``-y`` goes on, in ``start`` components followed, and so they do after
+            the step. No residual tells of the rounding errors that larger iterates have left in those that follow.
+        """
+        array = y.getArray().reshape(self.fixed.shape)
+        array[self.fixed] = 0.0
+        if self.followers is not None:
+            before = 0.0
+            if x is not None:
+                before = (x.getArray(readonly=True) - start.getArray(readonly=True)).reshape(array.shape)
+            after = before - array
+            for group in self.groups:
+                group.follow(after)
+            array[self.followers] = (before - after)[self.followers]
+        y.assemble()
+
+    def condense(self, out):
+        """Leave of forces (n_owned, d) what supports and groups do not bear, in place: zero at prescribed components
+        and at those that follow, whose forces go to the others. *Collective.*"""
+        out[self.fixed] = 0.0
+        for group in self.groups:
+            group.lead(out)
+        if self._features.equations is not None:
+            # some of what follows goes along with what is prescribed
+            out[self.fixed] = 0.0
+
+
+# [-] So many rounding errors of the sum of magnitudes, an exact solution would leave. From: sums of
+# some eighty terms, whose rounding errors add up as the square root of their number.
+ROUNDINGS = 8.0
+
+
+class Forces:
+    """Forces on the bodies of a problem at its time.
+
+    Parameters
+    ----------
+    problem : pcontact.solve.problem.Problem
+    loads : list of (ndarray (n_owned, d), callable)
+        Nodal forces at factor 1 and their factor of time.
+
+    Notes
+    -----
+    Whatever sums over nodes or components is the same on every rank.
+    """
+
+    def __init__(self, problem, loads):
+        self._problem, self._space, self.loads = problem, problem.space, loads
+
+    def _zero(self):
+        return np.zeros((self._space.n_owned, self._space.dim))
+
+    def external(self, time=None):
+        """Nodal external forces (n_owned, d) at a time, or that of the problem [force]. *Collective.*"""
+        total, time = self._zero(), self._problem.time if time is None else time
+        for force, amplitude in self.loads:
+            total += amplitude.factor(time) * force
+        for load in self._problem.features.timed:
+            total += load.at(time)
+        return total
+
+    def applied(self, u, springs=True):
+        """Nodal external forces (n_owned, d), with those that depend on the displacement, of springs or without them
+        [force]. *Collective.*"""
+        total, left_out = self.external(), () if springs else self._problem.features.springs
+        for item in self._problem.others:
+            if item not in left_out:
+                item.external(u, total)
+        return total
+
+    def _drag(self, u):
+        """Forces (n_owned, d) on the bodies that answer their motions [force]. *Collective.*"""
+        out = self._zero()
+        for item in self._problem.others:
+            item.drag(u, out)
+        return out
+
+    def norm(self, forces):
+        """Norm over all ranks of forces (n_owned, d) [force]. *Collective.*"""
+        return float(np.sqrt(self._space.comm.allreduce(float(np.sum(forces**2)))))
+
+    def _magnitude(self, u):
+        """Sums of the absolute terms of the residual at ``u`` (n_owned, d) [force]. *Collective.*"""
+        size = self._zero()
+        for item in self._problem.items:
+            item.add_magnitude(u, size)
+        return size
+
+    def roundoff(self, u):
+        """Norm of the rounding errors that the residual at ``u`` may carry [force]. *Collective.*"""
+        return np.finfo(float).eps * self.norm(self._magnitude(u))
+
+    def roundoff_of(self, u):
+        """The same for the forces on every component (n_components,) [force]. *Collective.*"""
+        return np.finfo(float).eps * self._space.norms(self._magnitude(u))
+
+    def rounding_of_sum(self, u):
+        """Rounding errors that the sum of all forces at ``u`` may carry [force]. *Collective.*"""
+        return np.finfo(float).eps * float(np.linalg.norm(self._space.comm.allreduce(self._magnitude(u).sum(axis=0))))
+
+    def loaded(self, u, springs=True):
+        """Norm of :meth:`applied` at ``u`` [force]. *Collective.*"""
+        return self.norm(self.applied(u, springs))
+
+    def acting(self, u):
+        """Largest of the norms of the external forces, and of those of the stresses at ``u`` where nodes are supported
+        and where they are free [force]. *Collective.*
+
+        At equilibrium supports and contact bear them. What contact says at ``u`` is no measure: it is gamma times a
+        gap, of which rounding errors may be all.
+        """
+        external, stresses = self.applied(u), self._zero()
+        self._problem.bulk.residual(u, stresses)
+        held = np.where(self._problem.conditions.fixed, stresses, 0.0)
+        return max(self.norm(external), self.norm(held), self.norm(stresses - held))
+
+    def stiffness_scale(self, u):
+        """Norm of the sums of the absolute terms of the bodies' forces at ``u`` [force]: residuals that are small
+        against it leave displacements open that are small against ``u``. *Collective.*"""
+        size = self._zero()
+        self._problem.bulk.add_magnitude(u, size)
+        return self.norm(size)
+
+    def by_component(self, u):
+        """Sums of the magnitudes of the external forces on every component (n_components,) at ``u`` [force].
+        *Collective.*
+        """
+        space, size = self._space, np.linalg.norm(self.applied(u), axis=1)
+        own = np.bincount(space.component[space.owned_local], size, minlength=space.mesh.n_components)
+        return space.comm.allreduce(own, op=MPI.SUM)
+
+    def worst(self, f):
+        """Where a residual vector is largest. *Collective.*
+
+        Parameters
+        ----------
+        f : PETSc.Vec
+
+        Returns
+        -------
+        value : float
+            [force]
+        point : ndarray (d,)
+            Reference position [length].
+        body : str
+        """
+        space, mesh = self._space, self._space.mesh
+        size = np.linalg.norm(f.getArray(readonly=True).reshape(-1, space.dim), axis=1)
+        size = np.where(np.isfinite(size), size, np.inf)
+        own, k = (-1.0, None, ""), int(np.argmax(size)) if len(size) else -1
+        if k >= 0:
+            node = space.owned_local[k]
+            own = (float(size[k]), space.points[node], mesh.component_names[space.component[node]])
+        return max(space.comm.allgather(own), key=lambda entry: entry[0])
+
+    def resultant(self, record, u):
+        """Norm of the sum of all forces on the bodies at ``u`` [force]: zero at equilibrium. *Collective.*
+
+        Parameters
+        ----------
+        record : dict
+            With ``reactions`` and ``contacts`` of a step, and ``couplings`` and ``equations`` where there are some.
+        u : PETSc.Vec
+        """
+        total = self._space.comm.allreduce((self.applied(u) + self._drag(u)).sum(axis=0))
+        obstacles = {contact.name for contact in self._problem.contacts if contact.rigid}
+        forces = [*record["reactions"].values()]
+        forces += [-np.asarray(pair["force"]) for name, pair in record["contacts"].items() if name in obstacles]
+        forces += [group["force"] for group in record.get("couplings", {}).values()]
+        forces += [record["equations"]["force"]] if "equations" in record else []
+        total = total + np.sum(forces, axis=0)
+        if self._space.axisymmetric:
+            total[0] = 0.0  # radial forces are borne by the ring
+        return float(np.linalg.norm(total))
+
+    def sum_of_magnitudes(self, u, borne):
+        """Sum of the magnitudes of all forces on the bodies at ``u`` [force]: what their resultant is compared with,
+        for forces that balance each other, of rings, shrink fits, clamped bodies, leave no resultant. *Collective.*
+
+        They are those of supports and groups at their nodes, those of contact at its points, on both bodies, those of
+        loads, springs and dashpots at nodes; where nothing is applied and nothing touches, those of thermal stress.
+
+        Parameters
+        ----------
+        u : PETSc.Vec
+        borne : ndarray (n_owned, d)
+            By supports and groups [force].
+        """
+        acting, answers = [self.external()], [borne, self._drag(u)]
+        for item in self._problem.others:
+            forces = answers if item in self._problem.features.springs else acting
+            forces.append(np.zeros_like(borne))
+            item.external(u, forces[-1])
+        heat = [] if self._problem.bulk.heat is None else [self._problem.bulk.heat.forces]
+        own = [sum(float(np.linalg.norm(one, axis=1).sum()) for one in forces) for forces in (acting, answers, heat)]
+        acts, answer, thermal = self._space.comm.allreduce(np.array(own))
+        acts += float(np.sum(self._problem.active.borne(u)))
+        return float(acts + answer + (thermal if acts == 0.0 else 0.0))
+
+    def acts(self, u, borne, roundings):
+        """Whether loads act on the bodies, or forces of supports and groups that are no rounding errors. *Collective.*
+
+        Parameters
+        ----------
+        u : PETSc.Vec
+        borne : ndarray (n_owned, d)
+            By supports and groups [force].
+        roundings : float
+            So many rounding errors are no force.
+        """
+        return self.loaded(u) > 0.0 or self.norm(borne) > roundings * self.roundoff(u)
+
+    def reactions(self, u, unbalanced=None):
+        """Support forces that the surroundings exert, by region. *Collective.*
+
+        Parameters
+        ----------
+        u : PETSc.Vec
+        unbalanced : ndarray (n_owned, d), optional
+            What the problem's `unbalanced` said of it before the state was committed [force].
+
+        Returns
+        -------
+        dict of str to list of float
+        """
+        problem, own = self._problem, self._space.owned_local
+        supports = problem.conditions.supports
+        forces = problem.unbalanced(u) if unbalanced is None else unbalanced
+        which = supports.which[own]
+        table = np.zeros((len(supports.regions), self._space.dim))
+        for number in range(len(supports.regions)):
+            table[number] = np.where(which == number, forces, 0.0).sum(axis=0)
+        table = self._space.comm.allreduce(table)
+        result = {}
+        for region, row in zip(supports.regions, table, strict=True):
+            result[region] = (np.asarray(result.get(region, 0.0)) + row).tolist()
+        return result
+
+    def moments(self, u, unbalanced):
+        """Moments of the reactions of supports that turn, about their centres, by region. *Collective.*
+
+        Parameters
+        ----------
+        u : PETSc.Vec
+        unbalanced : ndarray (n_owned, d)
+            As for :meth:`reactions`.
+
+        Returns
+        -------
+        dict of str to float or list of float
+            [force * length]
+        """
+        moved = u.getArray(readonly=True).reshape(unbalanced.shape)
+        supports = self._problem.conditions.supports
+        own = supports.moments(self._problem.time, self._space.owned_local, moved, unbalanced)
+        return {supports.regions[k]: self._space.comm.allreduce(value).tolist() for k, value in own.items()}
+
+
+class Prediction:
+    """Beginning of the load steps of a problem.
+
+    Parameters
+    ----------
+    problem : pcontact.solve.problem.Problem
+
+    Attributes
+    ----------
+    committed : PETSc.Vec or None
+        Displacement of which the stresses are those of the prediction; None where the load step begins without one.
+    goes_on : bool
+        Whether the load step begins where the bodies are if they go on as they did.
+    imposing : float
+        Norm of the residual [force] where it would begin else, of small strain: what is prescribed alone has moved.
+    """
+
+    def __init__(self, problem):
+        self._problem, self.committed, self._changed = problem, None, frozenset()
+        self.goes_on, self.imposing = False, 0.0
+
+    @property
+    def continues(self):
+        """Whether load steps begin where the bodies are if they go on as they did, once they have moved: bodies with
+        finite strain, and elastic ones that nothing but supports, loads and contact moves."""
+        problem, bulk = self._problem, self._problem.bulk
+        if bulk.extrapolates:
+            return True
+        floats = any(item.floats for item in problem.others)
+        return not (problem.linear or bulk.yields or problem.features.inertia or floats)
+
+    def begin(self, u, time, ahead=None):
+        """Enter the prescribed displacements of a time into ``u``, the committed displacement so far. *Collective.*
+
+        Decides whether the load step begins with a prediction: where bodies may yield, where supports that move alone
+        open or close points, and where bodies have finite strain. These, and elastic ones, begin where they are if they
+        go on as they did (`ahead`), unless they cannot be there: from a committed state they would have to turn by a
+        whole load step.
+        """
+        problem, bulk, conditions = self._problem, self._problem.bulk, self._problem.conditions
+        moves = not problem.linear and conditions.imposed(u, time) > 0.0
+        before = u.copy() if bulk.yields or moves or bulk.extrapolates else None
+        self.goes_on = self.continues and ahead is not None and (not bulk.extrapolates or problem.integrable(ahead))
+        self.imposing = 0.0
+        if self.goes_on:
+            if not bulk.extrapolates:
+                # what is prescribed alone says how large forces are that are to be balanced
+                conditions.enter(u, time)
+                forces = u.duplicate()
+                problem.residual(u, forces)
+                self.imposing = forces.norm()
+            if before is not None:
+                ahead.copy(before)
+            ahead.copy(u)
+        conditions.enter(u, time)
+        self._changed = problem.active.changed_by_supports(before, u) if moves else frozenset()
+        self.committed = before if bulk.yields or self._changed or bulk.extrapolates else None
+
+    def expect(self, u, expected):
+        """Begin the load step where the bodies are expected, but for what is prescribed. *Collective.*
+
+        Parameters
+        ----------
+        u, expected : PETSc.Vec
+            ``u`` after :meth:`begin`; overwritten.
+        """
+        free = ~self._problem.conditions.fixed
+        u.getArray().reshape(free.shape)[free] = expected.getArray(readonly=True).reshape(free.shape)[free]
+        u.assemble()
+        # nothing is left to predict, and the first residual says nothing of the forces
+        self.committed, self.goes_on = None, True
+
+    @property
+    def rules(self):
+        """Status rules: bodies that go on as they did bring their points along; else see :meth:`residual`.
+        *Collective.*"""
+        active = self._problem.active
+        return active.by_law if self.goes_on else active.frozen(self._changed)
+
+    def residual(self, u, f):
+        """Residual vector at the beginning of a load step, for bodies that do not yield on the way, and points that
+        stay open or closed. *Collective.*
+
+        The prescribed nodes have moved there and their neighbours have not. Taken at its word, that strains a row of
+        cells far beyond the yield stress and makes their tangent soft; elastic cells pass the motion on to the bodies.
+        Points at or near those nodes would open or close, which the bodies' motion undoes at once. Obstacles have
+        moved, too: where one goes back, all points would open, and the bodies spring back and hit again.
+        """
+        problem = self._problem
+        out = -problem.forces.external()
+        with profile.phase("bulk_assembly"):
+            problem.bulk.predict(u, self.committed, out)
+        problem.add_others(u, out, self.rules)
+        problem.as_residual(out, f)
 
 
 @dataclass(frozen=True)
@@ -81,13 +503,13 @@ class Problem:
     ----------
     time : float
         Time at which the load step ends.
-    conditions : pcontact.solve.essential.EssentialConditions
+    conditions : pcontact.solve.problem.EssentialConditions
         What is prescribed of the displacement.
-    forces : pcontact.solve.forces.Forces
+    forces : pcontact.solve.problem.Forces
         Loads, reactions, and how large forces are.
     active : pcontact.solve.active_sets.ActiveSets
         Points that open and close, and the rules that they follow.
-    prediction : pcontact.solve.prediction.Prediction
+    prediction : pcontact.solve.problem.Prediction
         How load steps begin.
     linear : bool
         Whether one linear solve is the answer: no item changes with the displacement.

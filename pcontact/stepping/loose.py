@@ -19,7 +19,7 @@ from pcontact.assembly.item import ActiveSet
 from pcontact.mesh.topology import label
 from pcontact.runtime import log
 from pcontact.runtime.petsc import MPI
-from pcontact.solve.forces import ROUNDINGS
+from pcontact.solve.problem import ROUNDINGS
 from pcontact.space.modes import RigidBodies, component_frames
 
 # [-] Part of the columns' size below which a gradient is a rounding error. From: 500 rounding errors of a double.

@@ -8,7 +8,7 @@ from pcontact.material.elastic import equivalent_stress
 from pcontact.runtime import log
 from pcontact.runtime.petsc import MPI
 from pcontact.solve.convergence import NEARLY
-from pcontact.solve.forces import ROUNDINGS
+from pcontact.solve.problem import ROUNDINGS
 from pcontact.stepping.loose import Announcer
 
 # [-] Part of the forces of the run that may be out of balance without a word. From: chosen, as BALANCED of

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pcontact.assembly.item import ActiveSet, Item
+from pcontact.assembly.item import Item
 from pcontact.contact.active_set import AGAIN, BORNE, still_closed, turned, weakest
 from pcontact.runtime.petsc import MPI
 from pcontact.solve.active_sets import ActiveSets
@@ -51,14 +51,10 @@ def test_turned():
     assert turned(closed, paired, tau, area).tolist() == [3.0, 2.0, 4.0, 1.0]
 
 
-class Bed(Item, ActiveSet):
+class Bed(Item):
     """Springs under the nodes of a beam, which bear pressure only."""
 
     name = "pair"
-
-    @property
-    def active(self):
-        return self
 
     def __init__(self, n, stiffness):
         self.stiffness, self.area = stiffness, np.ones(n)
