@@ -25,7 +25,7 @@ class EssentialConditions:
     ----------
     fixed : ndarray (n_owned, d) of bool
         Prescribed components.
-    groups : sequence of pcontact.space.rigid.RigidGroup
+    groups : sequence of pcontact.space.constraints.RigidGroup
         Whose displacement is rigid, sections, and equations: Newton's method has their leading components.
     matrix : GlobalMatrix or ConstrainedMatrix
         Of the unknowns, without entries.

@@ -260,13 +260,14 @@ def normal_motion_of(normal, own, moved, radius):
     """That of points (np, d) without a partner, which have moved, on a target whose nodes (n, d) have moved."""
     points = len(own)
     exchange = SimpleNamespace(gather=lambda u: u)
+    target = SimpleNamespace(nodes=points + np.arange(len(moved)).reshape(-1, 2))
     pairing = SimpleNamespace(exchange=exchange, paired=np.zeros(points, dtype=bool), normal=normal)
     return normal_motion(
         SimpleNamespace(
             pairing=pairing, radius=radius, rigid=False,
             terms=SimpleNamespace(gap=lambda p, u: -np.einsum("pd,pd->p", normal, u[:points])),
             space=SimpleNamespace(comm=MPI.COMM_SELF, local=exchange),
-            target=SimpleNamespace(nodes=points + np.arange(len(moved)).reshape(-1, 2)),
+            search=SimpleNamespace(target=target),
         ),
         np.concatenate([own, moved]),
         np.zeros((points + len(moved), own.shape[1])),

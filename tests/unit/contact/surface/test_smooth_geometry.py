@@ -343,7 +343,7 @@ def test_flat_surfaces_are_what_they_are(shared_tmp):
         path, found = make_mesh(two_blocks, shared_tmp / f"{cell}.msh", dim=dim, n_lower=2, n_upper=3, cell=cell), []
         for smooth in (True, False):
             with running(block_scene(path, dim, smooth)) as (simulation, converged):
-                assert converged and simulation.problem.items[1].chords is None
+                assert converged and simulation.problem.items[1].search.chords is None
                 points = contact_points(simulation)
                 found.append(None if points is None else points["pressure"])
         if found[0] is not None:
