@@ -295,7 +295,7 @@ class Snap(Inertia):
         Of the last motion.
     """
 
-    name, holds = "snap", False
+    name = "snap"
 
     def __init__(self, space, mass, first, bulk):
         super().__init__(space, mass, None, INTEGRATORS["euler"].weights(None), None)
@@ -306,6 +306,11 @@ class Snap(Inertia):
     def moves(self):
         """Whether bodies have inertia."""
         return self._step > 0.0
+
+    @property
+    def holds(self):
+        """Whether it resists motions: while bodies have inertia."""
+        return self.moves
 
     def release(self):
         """Bodies begin to move from rest."""

@@ -367,8 +367,7 @@ class Prediction:
         problem, bulk = self._problem, self._problem.bulk
         if bulk.extrapolates:
             return True
-        floats = any(item.floats for item in problem.others)
-        return not (problem.linear or bulk.yields or problem.features.inertia or floats)
+        return not (problem.linear or bulk.yields or any(item.floats or item.holds for item in problem.others))
 
     def begin(self, u, time, ahead=None):
         """Enter the prescribed displacements of a time into ``u``, the committed displacement so far. *Collective.*
