@@ -2,11 +2,10 @@
 
 import numpy as np
 
+from pcontact.adapt.effectivity import Effectivity
 from pcontact.adapt.fronts import front_of
-from pcontact.adapt.known import effectivity, of_quantity
 from pcontact.adapt.passes import Pass
 from pcontact.adapt.secondary import Secondary
-from pcontact.adapt.seen import Seen
 from pcontact.adapt.settings import FACETS, NOTICED, THIRD
 from pcontact.adapt.singularities import PressureError
 from pcontact.element.reference import CELLS
@@ -26,12 +25,11 @@ class Measure:
     settings : pcontact.adapt.settings.Settings
     passes : list of pcontact.adapt.passes.Pass
         Those before.
-    options : pcontact.runtime.options.Options
     """
 
-    def __init__(self, target, settings, passes, options):
+    def __init__(self, target, settings, passes):
         self._target, self._settings, self._passes = target, settings, passes
-        self._secondary, self._seen = Secondary(target, settings), Seen(target, settings, options)
+        self._secondary, self._effectivity = Secondary(target, settings), Effectivity(target)
 
     def __call__(self, simulation, watch, seconds):
         """What a pass has shown. *Collective.*
@@ -50,24 +48,20 @@ class Measure:
         pcontact.adapt.passes.Pass
         """
         space, mesh, comm = simulation.problem.space, simulation.mesh, simulation.comm
-        kinds = {block.cell for block in mesh.blocks if len(block.nodes)}
-        simplices = any(not CELLS[kind].is_tensor for some in comm.allgather(kinds) for kind in some)
-        known = effectivity(simulation.scene, simplices, mesh.dim, space.degree)
         norm = watch.norm if watch.norm > 0.0 else 1.0
         estimate, size, found, part = watch.absolute / norm, norm, None, 1.0
         beside = {"algebraic": watch.algebraic / norm}
         loads, forces = simulation.error_estimate.of_loads(watch.time, 0.5 * NOTICED * self._settings.goal * norm)
         beside["loads"] = loads / norm
         if self._target.quantity == "energy":
-            far = estimate / known.least > self._settings.goal
-            part = self._seen.part(simulation, watch, far, norm * self._of_other_steps())
+            part, known = self._effectivity.part(simulation, watch, norm * self._of_other_steps())
             estimate /= part
         else:
             found = simulation.error_estimate.of_quantity(
                 self._target, watch.record, simulation.stepper.u, watch.time, watch.unbalanced
             )
-            known, size = of_quantity(self._target.quantity, mesh.dim), self._size(simulation, watch, found.value)
-            error, likely = self._seen.error(simulation, found)
+            known, size = self._effectivity.of_quantity(mesh.dim), self._size(simulation, watch, found.value)
+            error, likely = self._effectivity.error(simulation, found)
             found = found._replace(error=error)
             estimate = abs(found.error) / size
             watch.squares = self._indicators(simulation, watch, found)
@@ -88,8 +82,8 @@ class Measure:
         done.error = sum(done.parts.values())
         if found is not None:
             done.quantity = self._quantity(found, likely, toward * size)
-            if self._seen.told:
-                done.quantity["told_by"] = self._seen.told
+            if self._effectivity.told:
+                done.quantity["told_by"] = self._effectivity.told
             found = found._replace(error=likely)
         done.expected = self._expected(done, found, toward, size)
         return done
@@ -128,8 +122,8 @@ class Measure:
     def _indicators(self, simulation, watch, found):
         """What cells have in the error of a quantity, where that is what the mesh is refined for. *Collective.*"""
         own = np.concatenate([np.zeros(0), *found.cells])
-        if self._seen.by_meshes:
-            # as the quantity is said to follow the squares of the energy norm
+        if simulation.scene.plastic and self._target.quantity != "pressure":
+            # the dual problem knows the last load step alone
             return watch.squares
         if self._target.quantity != "pressure":
             return np.abs(own)

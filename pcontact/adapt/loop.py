@@ -97,7 +97,7 @@ class Loop:
         self._kept, self._records, self._section, self._said = None, None, {}, set()
         self._settings = Settings(scene, self.target, options, comm.size)
         self._refining = Refining(comm, self._settings, options)
-        self._measure = Measure(self.target, self._settings, self.passes, options)
+        self._measure = Measure(self.target, self._settings, self.passes)
         self._decision = Decision(self.target, self._settings, self.passes, self._refining, comm)
         self._looks_ahead, self.ahead = False, None
 

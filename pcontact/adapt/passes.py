@@ -28,7 +28,7 @@ class Pass:
     unknowns, cells, degree : int
     estimate : float
         Of the error of the mesh, relative.
-    known : pcontact.adapt.known.Range
+    known : pcontact.adapt.effectivity.Range
         Of the estimate over the error.
     parts : dict of str to float
         The error by what brings it about, relative; names are keys of `NAMES`.
@@ -52,7 +52,7 @@ class Pass:
         What was decided: ``unknowns``, ``mesh`` (its part of the error then), ``load_steps`` and ``degree`` that are
         expected; None of what is not known. ``divided``: the cells are divided into simplices.
     part : float
-        Of the error that the estimate has been taken for: 1 but where bodies yield.
+        Of the error of the displacement that the estimate is seen to be.
     """
 
     unknowns: int

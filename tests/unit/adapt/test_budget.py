@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pcontact.adapt.budget import POWER, Aims, Budgeted, forecast
-from pcontact.adapt.known import Range
+from pcontact.adapt.effectivity import Range
 from pcontact.adapt.passes import BYTES, Pass, memory_each
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.target import Budget

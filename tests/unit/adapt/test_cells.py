@@ -6,7 +6,7 @@ import pytest
 from drivers._common import make_mesh
 from meshes.blocks import one_block
 from pcontact.adapt.cells import MEASURED, Choice, locking, of_parts, parts_of
-from pcontact.adapt.known import Range
+from pcontact.adapt.effectivity import Range
 from pcontact.adapt.passes import Pass
 from pcontact.mesh.distribute import load_mesh
 from pcontact.runtime.petsc import MPI

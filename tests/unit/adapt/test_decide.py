@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pcontact.adapt.decide import SPENT, TRUST, Decision
-from pcontact.adapt.known import Range
+from pcontact.adapt.effectivity import Range
 from pcontact.adapt.mark import Cuts
 from pcontact.adapt.passes import Pass
 from pcontact.adapt.refining import Step

@@ -2,7 +2,7 @@
 
 import pytest
 
-from pcontact.adapt.known import Range
+from pcontact.adapt.effectivity import Range
 from pcontact.adapt.passes import Pass
 from pcontact.adapt.settings import ENTRIES, Degree
 

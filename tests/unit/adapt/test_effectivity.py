@@ -5,17 +5,18 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pcontact.adapt.seen import (
+from pcontact.adapt.effectivity import (
     ALIKE,
-    EXPECTED,
     LEAST,
+    SEEN,
+    UNSEEN,
+    YIELDING,
+    Effectivity,
     Parts,
-    Seen,
     State,
     between,
     fallen,
     left_after,
-    likely_after,
     part_of,
 )
 from pcontact.estimate.goal import GoalError
@@ -58,7 +59,7 @@ def test_load_steps_that_change_as_much_as_meshes():
 def test_pairs_whose_estimate_has_not_fallen_count_until_one_has():
     """A coarse mesh that has not seen a contact says nothing of the finer ones; what fallen estimates tell stays."""
     parts = Parts()
-    assert parts.least == EXPECTED
+    assert parts.least == 1.0 and not parts.known
     blind = parts.with_pair(0.25, False)
     assert blind.least == 0.25
     known = blind.with_pair(0.9, True).with_pair(0.95, True)
@@ -76,19 +77,6 @@ def test_what_is_left_of_a_quantity():
     assert left_after(coarse._replace(left=-error), by_chance) == pytest.approx(-0.25 * error)
 
 
-def test_what_is_expected_of_a_quantity():
-    """The same where both ways agree; else the mean, on the side that the values go to. Better cells that are no more
-    bring more than their number."""
-    error, coarse = 0.08, State(100, 2, 2, 0.3, 1.0, 0.08)
-    fine = State(200, 2, 2, 0.15, 1.0 + 0.75 * error)
-    assert likely_after(coarse, fine) == pytest.approx(0.25 * error) == left_after(coarse, fine)
-    assert likely_after(coarse._replace(left=0.0), fine) == pytest.approx(0.125 * error)
-    assert likely_after(coarse._replace(left=-3.0 * error), fine) == pytest.approx(0.5 * error)
-    assert likely_after(coarse, fine._replace(value=1.0 - error)) < 0.0 < left_after(coarse, fine)
-    coarse, better = coarse._replace(left=0.0), fine._replace(unknowns=100, estimate=0.03)
-    assert 0.0 < likely_after(coarse, better) < 0.1 * left_after(coarse, better)
-
-
 def test_errors_of_quantities_that_fall():
     """They fall with the squares, but not faster than with the best meshes, and as far as two meshes can tell."""
     coarse, fine = State(100, 2, 2, 0.3, 1.0), State(200, 2, 2, 0.01, 1.0)
@@ -100,7 +88,7 @@ def test_errors_of_quantities_that_fall():
 def test_a_change_that_no_dual_problem_has_foretold_counts(foretold, told):
     """From one mesh to the next a force grows by 0.04: with 0.01 left, 0.05 or 0.01 had been said before."""
     simulation = SimpleNamespace(scene=SimpleNamespace(plastic=False))
-    seen = Seen(Target(0.1, "force:face"), None, None)
+    seen = Effectivity(Target(0.1, "force:face"))
 
     def found(value, error, unknowns, estimate):
         simulation.problem = SimpleNamespace(space=SimpleNamespace(n_dofs=unknowns, degree=2, dim=2))
@@ -111,4 +99,27 @@ def test_a_change_that_no_dual_problem_has_foretold_counts(foretold, told):
     left, likely = found(1.04, 0.01, 200, 0.12)
     assert seen.told == told and likely == 0.01
     part = max(0.12**2 / 0.2**2, 0.25)
-    assert left == pytest.approx(0.01 if foretold == 0.05 else 0.04 * part / (1.0 - part)) and not seen.by_meshes
+    assert left == pytest.approx(0.01 if foretold == 0.05 else 0.04 * part / (1.0 - part))
+    simulation.scene.plastic, seen = True, Effectivity(Target(0.1, "force:face"))
+    assert found(1.0, foretold, 100, 0.2)[0] == pytest.approx(foretold / YIELDING**2)
+
+
+@pytest.mark.parametrize("plastic", [False, True])
+def test_the_part_is_that_of_meshes_once_two_have_been_compared(plastic):
+    """Before it is a safety factor of the dimension and degree; meshes of another degree are not compared."""
+    u = SimpleNamespace(copy=lambda: u, setArray=lambda _: None, getArray=lambda readonly: np.zeros(2))
+    comm = SimpleNamespace(allreduce=lambda value, op=None: value)
+    space = SimpleNamespace(degree=1, dim=2, comm=comm, mesh=SimpleNamespace(blocks=[]))
+    simulation = SimpleNamespace(
+        scene=SimpleNamespace(plastic=plastic), problem=SimpleNamespace(space=space), begin=None,
+        stepper=SimpleNamespace(u=u), error_estimate=SimpleNamespace(norm=lambda _: 1.0, over_steps=1.0),
+    )  # fmt: skip
+    seen, watch = Effectivity(Target(0.1)), SimpleNamespace(time=1.0)
+    part, known = seen.part(simulation, watch, 0.0)
+    assert part == (YIELDING if plastic else 1.0) and known[:2] == UNSEEN[2, 1]
+    space.degree, simulation.begin = 2, SimpleNamespace(at=lambda time: np.zeros((1, 2)))
+    part, known = seen.part(simulation, watch, 0.0)
+    assert part == (YIELDING if plastic else 1.0) and known[:2] == UNSEEN[2, 2]
+    simulation.error_estimate.over_steps = 0.6
+    part, known = seen.part(simulation, watch, 0.0)
+    assert part == pytest.approx(0.8) and known[:2] == SEEN
