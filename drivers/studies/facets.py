@@ -3,9 +3,8 @@
 Rings and spherical shells in contact whose solutions are known (Lame), with a displacement of degree 2. Nodes of finer
 meshes lie on the facets of the first one. `left` is the error on the mesh whose cells have been halved as often as it
 says, in the plane those on the contact twice more, without what these cells leave of the error that the first mesh
-has with smooth surfaces (a quarter, halving by halving). Of the energy norm `named` is the root of the sum of the
-squares of `change`, that of the solution on the first mesh with smooth surfaces, and of `rough`
-(`pcontact.adapt.roughness`); of the contact pressure in L2 it is `rough`.
+has with smooth surfaces (a quarter, halving by halving). `change` is that of the solution, or of its pressure in L2, on
+the first mesh with smooth surfaces; `named` is as many times that as `pcontact.adapt.secondary.FINER_SEE` says.
 
     python drivers/studies/facets.py -o facets
 """
@@ -21,9 +20,8 @@ from drivers.studies._round_bodies import LARGE, MIDDLE, SMALL, round_scene, she
 from meshes import rings as ring_mesh
 from meshes.shells import shells
 from pcontact import build
-from pcontact.adapt import roughness
-from pcontact.adapt.history import Watch
-from pcontact.adapt.secondary import solved
+from pcontact.adapt import facets
+from pcontact.adapt.secondary import FINER_SEE, solved
 from pcontact.estimate import pressures
 from pcontact.mesh.refinement.refine import Balance, refine
 from pcontact.runtime.errors import StepFailure
@@ -66,8 +64,8 @@ def left_of(first, scene, exact, pressure, halvings):
     for number in range(halvings + NEAR[mesh.dim]):
         first_cell = np.cumsum([0] + [len(block.nodes) for block in mesh.blocks])
         more = np.full(first_cell[-1], mesh.dim if number < halvings else 0)
-        for facets in (part for name in (contact.source, contact.target) for part in mesh.facet_groups.get(name, [])):
-            more[first_cell[facets.block] + facets.cells] = mesh.dim
+        for some in (part for name in (contact.source, contact.target) for part in mesh.facet_groups.get(name, [])):
+            more[first_cell[some.block] + some.cells] = mesh.dim
         mesh = refine(mesh, more, (), Balance(*build.balance(scene, Options()))).mesh
     finer = Simulation(scene, mesh=mesh)
     try:
@@ -88,32 +86,30 @@ def measure(title, scene, exact, pressure, halvings):
     """Two rows (dicts), of the energy norm and of the pressure. *Collective.*"""
     scene.output.estimate = True
     first = Simulation(scene)
-    watch = Watch(first)
-    if not first.run(None, [watch], keep=True):
+    if not first.run(None, [], keep=True):
         raise StepFailure(str(first.failure))
     first.close()
     name = first.scene.contacts[0].name
     own, size = errors_of(first.problem, first.stepper.u, exact, pressure)
-    smooth = roughness.smooth_facets(scene)
+    smooth = facets.smooth_facets(scene)
     with solved(smooth, first.comm, first.options.said, first.mesh) as (run, _):
         change = first.stepper.u.copy()
         change.axpy(-1.0, run.stepper.u)
         change = np.array([first.error_estimate.norm(change), change_of_pressure(first, run, name)])
         mesh = errors_of(run.problem, run.stepper.u, exact, pressure)[0]
-    rough = np.array([roughness.energy(first, watch), roughness.pressure(first, watch, name)])
     left = left_of(first, scene, exact, pressure, halvings)
     first.free()
     left = np.sqrt(np.maximum(left**2 - (mesh / 4.0**halvings) ** 2, 0.0))
-    named = np.array([np.hypot(change[0], rough[0]), rough[1]])
+    named = FINER_SEE["curved_facets"] * change
     return [{"case": title, "of": of, "error": own[k] / size[k], "left": left[k] / size[k], "halvings": halvings,
-             "change": change[k] / size[k], "rough": rough[k] / size[k], "named": named[k] / size[k],
+             "change": change[k] / size[k], "named": named[k] / size[k],
              "over": named[k] / left[k]} for k, of in enumerate(("energy", "pressure"))]  # fmt: skip
 
 
 def run(args):
     """All rows; exit status."""
     rows = [row for one in cases(args) for row in measure(*one)]
-    head = ["case", "of", "error", "left", "halvings", "change", "rough", "named", "named / left"]
+    head = ["case", "of", "error", "left", "halvings", "change", "named", "named / left"]
     print_table("curved facets", head, [list(row.values()) for row in rows])
     write_json(args.o / "facets.json", rows)
     return 0

@@ -10,9 +10,9 @@ from drivers.cases import rings
 from drivers.error_norms import bulk_error
 from meshes import rings as ring_mesh
 from pcontact import build
-from pcontact.adapt import roughness
+from pcontact.adapt import facets
 from pcontact.adapt.history import Watch
-from pcontact.adapt.secondary import of_facets
+from pcontact.adapt.secondary import FINER_SEE, answer, change_to, of_facets
 from pcontact.mesh.refinement.refine import Balance, refine
 from pcontact.runtime.options import Options
 from pcontact.scene.target import Target
@@ -24,7 +24,8 @@ DELTA = 6e-4
 @pytest.mark.parallel
 def test_rings_with_interference(shared_tmp):
     """Six curved facets in a quarter: 2 % of the energy norm are theirs on cells that are halved twice, whose own error
-    is a tenth of that, and a sixth of the pressure, where those on the contact are halved twice more."""
+    is a tenth of that, and a sixth of the pressure, where those on the contact are halved twice more. It is more than
+    what they change on the first mesh, and is named."""
     path = make_mesh(ring_mesh, shared_tmp / "rings.msh", n=6, cell="triangle", order=2, delta=DELTA)
     scene = rings.ring_scene(path, 2, 0.0, pressure=0.0, gamma0=None)
     exact = partial(rings.exact, constants=rings.ring_constants(0.0, DELTA))
@@ -33,13 +34,15 @@ def test_rings_with_interference(shared_tmp):
     watch = Watch(first)
     assert first.run(None, [watch], keep=True)
     first.close()
-    found, pressure = roughness.energy(first, watch), roughness.pressure(first, watch, "circle")
+    targets = Target(0.1), Target(0.1, "pressure:circle")
+    found, pressure = (FINER_SEE["curved_facets"] * change_to(first, answer(first, facets.smooth_facets(scene), of), of,
+                                                              watch.record) for of in targets)  # fmt: skip
     finer, balance = first.mesh, Balance(*build.balance(scene, Options()))
     for cuts in (4, 0, 0):
         start = np.cumsum([0] + [len(block.nodes) for block in finer.blocks])
         more = np.full(start[-1], cuts)
-        for facets in (part for name in rings.SIDES["inner"] for part in finer.facet_groups.get(name, [])):
-            more[start[facets.block] + facets.cells] = max(cuts, 2)
+        for some in (part for name in rings.SIDES["inner"] for part in finer.facet_groups.get(name, [])):
+            more[start[some.block] + some.cells] = max(cuts, 2)
         finer = refine(finer, more, (), balance).mesh
     last = Simulation(scene, mesh=finer)
     assert last.run(None, [], keep=True)
@@ -49,8 +52,8 @@ def test_rings_with_interference(shared_tmp):
     off = np.sqrt(last.comm.allreduce(float(off)))
     for one in (first, last):
         one.free()
-    assert 0.9 * left < found < 1.3 * left
-    assert 0.9 * off < pressure < 1.2 * off
+    assert left < found < 1.3 * left
+    assert off < pressure < 3.0 * off
 
 
 def quarter(shared_tmp, n, cell="triangle", order=1):
@@ -65,8 +68,8 @@ def test_rounded_cells_have_their_middles_on_circles(shared_tmp, cell):
     run = Simulation(quarter(shared_tmp, 6, cell))
     straight = run.mesh
     before = straight.points.copy()
-    mesh = roughness.rounded(run.problem.space)
-    assert not straight.curved and np.array_equal(before, straight.points) and roughness.OUTER not in mesh.facet_groups
+    mesh = facets.rounded(run.problem.space)
+    assert not straight.curved and np.array_equal(before, straight.points) and facets.OUTER not in mesh.facet_groups
     radius = np.linalg.norm(mesh.points, axis=1)
     was = np.linalg.norm(before, axis=1)
     for circle in (rings.SMALL, rings.MIDDLE, rings.LARGE):
@@ -96,4 +99,4 @@ def test_straight_facets_of_free_and_loaded_surfaces_count(shared_tmp):
     left = error.energy / error.energy_of_exact
     for one in (first, last):
         one.free()
-    assert 0.01 < found < left < 2.0 * found
+    assert 0.01 < found < left < FINER_SEE["straight_facets"] * found
