@@ -26,7 +26,8 @@ from pcontact.contact.formulation.methods import facet_columns
 from pcontact.contact.law import OPEN, contact_law
 from pcontact.contact.pair import NOTHING_MORE, ContactPair, Pairing, method_of, partner_search
 from pcontact.contact.surface.facet_maps import KIND, MAX_NODES
-from pcontact.contact.traction.finite import FiniteTraction, NoTraction
+from pcontact.contact.traction.finite import NoTraction
+from pcontact.contact.traction.finite_target import finite_traction
 from pcontact.element.reference import reference_nodes
 from pcontact.mesh.mesh import size_of
 from pcontact.runtime.petsc import MPI
@@ -218,15 +219,17 @@ class FinitePair(ContactPair):
         p, (n, d) = super()._paired(normal, found), normal.shape
         mode = OBSTACLE if self.rigid else TIED if self.law.tied else RAY if self._traces else CLOSEST
         kinds, xi, obstacle = np.zeros(n, dtype=np.int64), np.zeros((n, 2)), None
+        self._found_at = found.place
         if self.rigid:
             obstacle = ObstacleAt(self.search.among, self._time, self.search.origin, STEP * size_of(self.space.mesh))
         else:
-            kinds = kinds_of(found.nodes, d, self.space.degree).astype(np.int64)
+            kinds = kinds_of(found.nodes[:, : found.shape.shape[1]], d, self.space.degree).astype(np.int64)
             at = _reference(kinds, self.space.degree)[:, : p.target_shape.shape[1]]
             xi = np.einsum("pm,pmk->pk", p.target_shape, at)
         frozen = FinitePartner(
-            np.where(p.paired, mode, NONE), p.targets, kinds, xi, normal, np.zeros(n), np.zeros((n, d)), np.zeros(n),
-            np.zeros((0, d, d)), np.zeros((n, d)),
+            np.where(p.paired, mode, NONE), np.ascontiguousarray(p.targets), kinds, xi, normal, np.zeros(n),
+            np.zeros((n, d)), np.zeros(n), np.zeros((0, d, d)), np.zeros((n, d)),
+            np.ascontiguousarray(p.partner.nodes[:, p.targets.shape[1] :]),
         )  # fmt: skip
         points = self.search.points._replace(cells=p.cells)
         return FinitePairing(**vars(p), points=points, frozen=frozen, x=self._places, obstacle=obstacle)
@@ -331,7 +334,7 @@ class FinitePair(ContactPair):
         return found._replace(
             gap=np.where(returns, held.gap, found.gap), normal=normal, ids=np.where(returns, p.ids, found.ids),
             nodes=np.where(back, self._planned[2][p.targets], found.nodes),
-            shape=np.where(back, held.shape, found.shape),
+            shape=np.where(back, held.shape, found.shape), place=np.where(back, self._found_at, found.place),
         )  # fmt: skip
 
     def normal_motion(self, u, before):
@@ -373,7 +376,7 @@ def finite_pair(space, bulk, contact, source, target, radius, setting=NOTHING_MO
     law = contact_law(contact)
     method = method_of(space, contact, source)
     if method.has_traction:
-        traction = FiniteTraction(space, bulk, source, contact.source)
+        traction = finite_traction(space, bulk, contact, source, method.alpha)
     else:
         traction = NoTraction(space, bulk, source, contact.source)
     kind = FiniteTerms if contact.pressure_overclosure is None else FiniteLayerTerms

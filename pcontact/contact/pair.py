@@ -155,14 +155,13 @@ class PairPattern:
     def __init__(self, space, n):
         self._space, self.coupled, self.version = space, np.zeros(n, dtype=bool), 0
 
-    def renew(self, pairing, coupled, cells):
-        """Take the pattern of points (np,) that are coupled to their partners and, with `cells`, of all source cells.
-        *Collective.*"""
+    def renew(self, pairing, coupled, wide, cells):
+        """Take the pattern of points (np,) that are coupled to their partners, `wide` with what else these bring, and,
+        with `cells`, of all source cells. *Collective.*"""
         p, facet, self.coupled = pairing, pairing.source.facet, coupled
         chosen = np.flatnonzero(coupled)
         # one of the points of a source facet that have a target facet, and all of its cell, in common
-        wide = 0 if p.operator is None else p.operator.width[chosen] > p.cells.shape[1]
-        key = 2 * (facet[chosen] * (np.max(p.ids, initial=0) + 1) + p.ids[chosen]) + wide
+        key = 2 * (facet[chosen] * (np.max(p.ids, initial=0) + 1) + p.ids[chosen]) + wide[chosen]
         _, first = np.unique(key, return_index=True)
         tables = [np.concatenate([p.cells[facet[chosen[first]]], p.partner.nodes[chosen[first]]], axis=1)]
         if cells:
@@ -275,7 +274,7 @@ class ContactPair(Item):
         self._take_gap(self.pairing.exchange.gather(expected), gap)
         # half of the motion closes points (see APPROACH in `pcontact.solve.newton`) before contact pushes them back
         near = clear <= 0.5 * size + np.minimum(0.55 * moves, FORESEEN * size)
-        self.rows.renew(self.pairing, self._couples(near), self.method.theta != 0.0)
+        self.rows.renew(self.pairing, self._couples(near), self.terms.wide(self.pairing), self.method.theta != 0.0)
         self._start_step(u, time)
 
     def _start_step(self, u, time):
@@ -325,7 +324,8 @@ class ContactPair(Item):
     def _couples(self, closed):
         """Points that may need an entry in the matrix for both sides, among them those that are ``closed``."""
         # a bound that does not follow the pressure acts wherever there is a partner, as the adjoint of its cell does
-        return self.pairing.paired & (closed | (not self.law.follows_pressure) | self.terms.wide(self.pairing))
+        wide = self.terms.wide(self.pairing) & (self.method.theta != 0.0)
+        return self.pairing.paired & (closed | (not self.law.follows_pressure) | wide)
 
     def renew(self, u, before, time, firm=False, tolerance=0.0):
         """See :meth:`pcontact.assembly.item.Item.renew`. *Collective.*"""

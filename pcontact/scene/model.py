@@ -538,7 +538,7 @@ class Contact:
     traction: str | None = key(
         choice("both", "source"), "with Nitsche's method: whose stress the traction is taken from", default="both",
         option="contact_traction", resolved=True, kw_only=True, otherwise="both; with `-error` source",
-        more="`both` where both bodies have small strain, see [formulations.md](formulations.md)",
+        more="`both` sides of two surfaces, see [formulations.md](formulations.md)",
     )  # fmt: skip
     quadrature: int | None = key(
         integer(1, 20), "degree of the quadrature on source facets", default=None, otherwise="from the element",

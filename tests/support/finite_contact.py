@@ -27,14 +27,15 @@ def _block(low, high, nx, ny, order, cell):
     return lattice(np.stack([x, y, np.zeros_like(x)], axis=-1), order, cell)
 
 
-def slanted(path, n_lower=2, n_upper=4, order=1, cell="quadrilateral"):
-    """Two blocks that meet at y = x / 4: groups lower, upper, lower_top, upper_bottom, and bottom, top, sides."""
+def slanted(path, n_lower=2, n_upper=4, order=1, cell="quadrilateral", slope=SLOPE, width=1.0):
+    """Two blocks that meet at y = x / 4, the lower one of another width: groups lower, upper, lower_top, upper_bottom,
+    and bottom, top, sides."""
 
     def line(x):
-        return SLOPE * x
+        return slope * x
 
     def meets(x):
-        return np.abs(x[..., 1] - SLOPE * x[..., 0]) < 1e-9
+        return np.abs(x[..., 1] - slope * x[..., 0]) < 1e-9
 
     with gmsh_model("slanted"):
         sides = []
@@ -43,7 +44,9 @@ def slanted(path, n_lower=2, n_upper=4, order=1, cell="quadrilateral"):
             ("upper", "upper_bottom", line, lambda x: 0 * x + 1.0, n_upper),
         ):
             far = {"bottom": near(1, -1.0)} if name == "lower" else {"top": near(1, 1.0)}
-            grid = name_boundary(_block(low, high, n, 2, order, cell), rest="sides", **{side: meets}, **far)
+            block = _block(low, high, n, 2, order, cell)
+            block.points[:, 0] *= width if name == "lower" else 1.0
+            grid = name_boundary(block, rest="sides", **{side: meets}, **far)
             body, tags = add(grid)
             group(2, name, [body])
             for key in (side, *far):

@@ -62,7 +62,7 @@ class FiniteTerms:
     space : pcontact.space.space.Space
     source : pcontact.contact.surface.sides.SourceSurface
     method : pcontact.contact.formulation.methods.Method
-    traction : pcontact.contact.traction.finite.FiniteTraction or NoTraction
+    traction : pcontact.contact.traction.finite.FiniteTraction
     law : pcontact.contact.law.Frictionless
     """
 
@@ -82,12 +82,12 @@ class FiniteTerms:
         self._made = 0
 
     def weigh(self, found, nodal):
-        """Partners as they are: the traction is that of the source."""
-        return found
+        """See :meth:`pcontact.contact.formulation.small.SmallTerms.weigh`. *Collective.*"""
+        return self.traction.weigh(found, nodal)
 
     def wide(self, p):
-        """No points: the adjoint term needs the cells of the source."""
-        return False
+        """See :meth:`pcontact.contact.formulation.small.SmallTerms.wide`."""
+        return self.traction.reaches(p)
 
     def operator(self, normal, last):
         """None: the derivative of the traction is another one at other displacements."""
@@ -102,11 +102,11 @@ class FiniteTerms:
         w = np.maximum(w, 1.0)
         growth = self.traction.growth(values, p)
         growth[:, 0] = np.maximum((1.0 + np.log(w)) * w**2, growth[:, 0])
-        self.method.begin(growth[self.source.facet])
+        self.traction.begin(self.method, growth[self.source.facet], values, p)
         d, nn = self.space.dim, p.cells.shape[1]
         self._adjoint = np.zeros((0, nn, d, d))
         if self.method.theta != 0.0:
-            self._adjoint = self.traction.slopes(values, p, p.every, elastic=True).rows
+            self._adjoint = self.traction.adjoint(values, p)
 
     def commit(self, p, values, view):
         """The load step has ended; returns the status (np,) of the points. *Collective.*"""
@@ -159,13 +159,13 @@ class FiniteTerms:
         evaluate(p.points, partner, motion, slides, work, placed)
         return placed
 
-    def _traction(self, p, values, wanted):
-        return self.method.traction(self.traction.traction(values, p, wanted))
+    def _traction(self, p, values, wanted, contact):
+        return self.method.traction(self.traction.traction(values, p, wanted, contact))
 
     def _acting(self, p, values, view, contact, wanted=None, sloped=False):
         """Tractions at the points, an :class:`Acting`."""
         n, d, placed = len(p.paired), self.space.dim, contact.placed
-        traction, tau = self._traction(p, values, p.acts if wanted is None else wanted), np.empty((n, d))
+        traction, tau = self._traction(p, values, p.acts if wanted is None else wanted, contact), np.empty((n, d))
         augment(self.parameters, placed, traction, tau)
         view, slope = view._replace(paired=view.paired & placed.live), np.zeros((n if sloped else 0, d, d))
         return Acting(traction, tau, *self._projected(view, placed.normal, tau, slope), slope)
@@ -202,8 +202,8 @@ class FiniteTerms:
 
     def normal_state(self, p, values, wanted=None):
         """Normal traction and gap (np,), at least of the points that are wanted (np,). *Collective.*"""
-        placed = self.place(p, values)
-        traction = self._traction(p, values, p.every if wanted is None else wanted)
+        contact = self._contact(p, values, slides=False)
+        traction, placed = self._traction(p, values, p.every if wanted is None else wanted, contact), contact.placed
         return np.einsum("pd,pd->p", traction, placed.normal), self._gap(p, values, placed)
 
     def forces(self, p, values, view):
@@ -230,8 +230,8 @@ class FiniteTerms:
         contact, at = slopes
         self._made += 1
         wanted = p.every if self.method.theta != 0.0 else at.status > OPEN
-        tractions = self.traction.slopes(values, p, wanted)
-        work = tangent_work(self.space.dim, p.cells.shape[1], p.points.on.shape[1], p.targets.shape[1])
+        tractions, others = self.traction.slopes(values, p, wanted, contact=contact), contact.partner.others.shape[1]
+        work = tangent_work(self.space.dim, p.cells.shape[1], p.points.on.shape[1], p.targets.shape[1], others)
         return add_tangent(
             self.parameters, p.points, contact.partner, contact.motion, at, tractions, work, blocks
         )  # fmt: skip

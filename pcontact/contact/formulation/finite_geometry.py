@@ -33,6 +33,16 @@ dA_k,i = y_k,ij dxi_j and zeta_z = A_k+ z
   x_c to which the obstacle has carried the point since then
 * without partner: n is the outward normal of the source, g = 0, s = 0
 
+Undeformed areas that face each other, of the target over the source, are as
+
+    J = |A_1 x A_2| (c_1 x c_2 . n) / -(a_1 x a_2 . n),
+
+with the undeformed tangents A_i = X,i of the target and source tangents c_b of unit area where undeformed (in the plane
+tangents turned by -90 degrees in the place of products), times the ratio of undeformed radii with axial symmetry. The
+ray on straight source facets, and the closest point on straight target facets, map areas so; the curvature of others
+adds a part of the order of g over its radius, which is left out. The product with a unit of n to the facets is held at
+`ASKEW` times that of facets across n.
+
 A facet goes on beyond its edges up to `BEYOND` in reference coordinates, of triangles up to barycentric coordinates of
 `-BESIDE`; farther a point has no partner. To g a number of the point is added (`shift`) that does not change.
 """
@@ -48,6 +58,8 @@ from pcontact.runtime.jit import njit, njit_inner
 
 NONE, RAY, CLOSEST, HELD, FIXED, TIED, OBSTACLE = range(7)
 BEYOND, BESIDE = 1.5, 0.25
+# [-] Largest ratio of the areas of facets to those across the normal. From: chosen; facets at 75 degrees to each other.
+ASKEW = 4.0
 # of Newton's method for the partner: iterations, largest step and last one in reference coordinates
 ITERATIONS, FARTHEST, SMALLEST = 40, 1.0, 1e-13
 
@@ -109,6 +121,8 @@ class FinitePartner(NamedTuple):
         Hessian of the distance of obstacles [1/length]; else of length 0.
     start : ndarray (np, d)
         x_c, of obstacles, relative to the origin [length].
+    others : ndarray (np, no)
+        Nodes of the partners' cells that are not on their facets; of width 0 where only the source has a traction.
     """
 
     mode: np.ndarray
@@ -121,6 +135,7 @@ class FinitePartner(NamedTuple):
     gap: np.ndarray
     curvature: np.ndarray
     start: np.ndarray
+    others: np.ndarray
 
 
 class Motion(NamedTuple):
@@ -156,6 +171,8 @@ class PointWork(NamedTuple):
     dn, ds : ndarray (d, k)
     dg : ndarray (k,)
     dxi : ndarray (2, k)
+    dj : ndarray (k,)
+        Of ln J.
         Derivatives with respect to the displacements of the ms nodes of the source facet and the mt ones of the target.
     edge : ndarray (3,)
         Of held points e, zero at a corner, and whether n turns (1.0).
@@ -193,6 +210,7 @@ class PointWork(NamedTuple):
     ds: np.ndarray
     dg: np.ndarray
     dxi: np.ndarray
+    dj: np.ndarray
     edge: np.ndarray
     r: np.ndarray
     t: np.ndarray
@@ -206,8 +224,8 @@ def point_work(d, width):
     return PointWork(
         np.zeros((6, 9)), np.zeros(2), np.zeros(2), np.zeros(2), v(), v(), v(), v(), v(), v(), v(), v(), np.zeros(1),
         m(2), m(2), m(2), m(2), m(2), m(2), m(2), m(2), m(3), m(3), np.zeros((2, 2)), np.zeros((2, 2)),
-        np.zeros((d, d)), np.zeros((d, k)), np.zeros((d, k)), np.zeros(k), np.zeros((2, k)), np.zeros(3), v(),
-        v(), m(2), np.zeros(2),
+        np.zeros((d, d)), np.zeros((d, k)), np.zeros((d, k)), np.zeros(k), np.zeros((2, k)), np.zeros(k), np.zeros(3),
+        v(), v(), m(2), np.zeros(2),
     )  # fmt: skip
 
 
@@ -533,6 +551,136 @@ def _slip_column(mode, w, k):
             dzeta += w.old_metric[i, 1] * w.dz[1]
         for q in range(d):
             w.ds[q, k] += w.da[i, q] * (w.zeta[i] + w.zeta_lag[i]) + w.a[i, q] * dzeta
+
+
+@njit_inner
+def _area_vector(a, out):
+    """Tangent turned by -90 degrees, or cross product of two, and its length."""
+    length = unit_normal(a, out)
+    for k in range(len(out)):
+        out[k] *= length
+    return length
+
+
+@njit_inner
+def _turned(a, da, out):
+    """Derivative of :func:`_area_vector` along da (2, d)."""
+    if len(out) == 2:
+        out[0], out[1] = da[0, 1], -da[0, 0]
+        return
+    for k in range(3):
+        i, j = (k + 1) % 3, (k + 2) % 3
+        out[k] = da[0, i] * a[1, j] - da[0, j] * a[1, i] + a[0, i] * da[1, j] - a[0, j] * da[1, i]
+
+
+@njit_inner
+def _ratio(nodes, count, motion, radius, axis, w):
+    """J of a point that has been placed, whether the target is too askew, its radius and area, undeformed. Leaves area
+    vectors of the source, the target and the undeformed target in w.r, w.t and w.rest, and tangents and second
+    derivatives of the latter."""
+    d = len(w.n)
+    _area_vector(w.c, w.r)
+    over, other = _area_vector(w.a, w.t), -dot(w.t, w.n)
+    for k in range(d):
+        w.old_y[k] = 0.0
+        for i in range(2):
+            w.old_a[i, k] = 0.0
+        for i in range(3):
+            w.old_bend[i, k] = 0.0
+    for m in range(count):
+        for k in range(d):
+            place = motion.x[nodes[m], k]
+            w.old_y[k] += w.shapes[0, m] * place
+            for i in range(d - 1):
+                w.old_a[i, k] += w.shapes[1 + i, m] * place
+            for i in range(2 * d - 3):
+                w.old_bend[i, k] += w.shapes[3 + i, m] * place
+    area, askew = _area_vector(w.old_a, w.rest), ASKEW * other < over
+    ratio = area * max(dot(w.r, w.n), 0.0) / (over / ASKEW if askew else other)
+    if axis < np.inf:
+        ratio *= (w.old_y[0] - axis) / radius
+    return ratio, askew, area
+
+
+@njit
+def area_ratios(source, partner, motion, axis, work, out):
+    """J of points on targets: ``out`` (np,), where it is not zero; 0 without a partner.
+
+    Parameters
+    ----------
+    source, partner, motion, work
+        As for :func:`evaluate`.
+    axis : float
+        Place of the axis of symmetry relative to the origin, infinite without one [length].
+    out : ndarray (np,)
+    """
+    for p in range(len(out)):
+        if out[p] == 0.0:
+            continue
+        out[p] = 0.0
+        if place_point(source, partner, motion, p, False, work):
+            nodes, count = partner.nodes[p], NODE_COUNTS[partner.kind[p]]
+            out[p] = _ratio(nodes, count, motion, source.x[p, 0] - axis, axis, work)[0]
+
+
+@njit_inner
+def derive_ratio(source, partner, motion, p, axis, w):
+    """J of a point on a target, with derivatives of its logarithm in w.dj, where :func:`derive_point` has been."""
+    d, ms, count = len(w.n), source.on.shape[1], NODE_COUNTS[partner.kind[p]]
+    ratio, askew, area = _ratio(partner.nodes[p], count, motion, source.x[p, 0] - axis, axis, w)
+    w.dj[:] = 0.0
+    if ratio == 0.0:
+        return ratio
+    own, other = dot(w.r, w.n), -dot(w.t, w.n)
+    if askew:
+        other = np.sqrt(dot(w.t, w.t))
+    for slot in range(ms + count):
+        m = slot - ms
+        for j in range(d):
+            k = slot * d + j
+            value = 0.0
+            for q in range(d):
+                value += w.r[q] * w.dn[q, k] / own
+            if m < 0:
+                _fill_tangents(w.da, 0.0, w.dxi, k, w.bend)
+                for b in range(d - 1):
+                    w.da[b, j] = source.slope[p, b, slot]
+                _turned(w.c, w.da, w.old_n)
+                value += dot(w.old_n, w.n) / own
+            # the undeformed target
+            _fill_tangents(w.da, 1.0, w.dxi, k, w.old_bend)
+            _turned(w.old_a, w.da, w.old_n)
+            value += dot(w.old_n, w.rest) / area**2
+            if axis < np.inf:
+                for i in range(d - 1):
+                    value += w.old_a[i, 0] * w.dxi[i, k] / (w.old_y[0] - axis)
+            _fill_tangents(w.da, 1.0, w.dxi, k, w.bend)
+            if m >= 0:
+                for i in range(d - 1):
+                    w.da[i, j] += w.shapes[1 + i, m]
+            _turned(w.a, w.da, w.old_n)
+            if askew:
+                value -= dot(w.old_n, w.t) / other**2
+            else:
+                value += dot(w.old_n, w.n) / other
+                for q in range(d):
+                    value += w.t[q] * w.dn[q, k] / other
+            w.dj[k] = value
+    return ratio
+
+
+@njit_inner
+def _fill_tangents(da, factor, dxi, k, bend):
+    """Motion of tangents (2, d) along a facet in column k, times a factor."""
+    d = da.shape[1]
+    for i in range(2):
+        for q in range(d):
+            da[i, q] = 0.0
+    for i in range(d - 1):
+        for q in range(d):
+            da[i, q] = factor * bend[i, q] * dxi[0, k]
+            if d == 3:
+                da[i, q] += factor * bend[i + 1, q] * dxi[1, k]
 
 
 class Placed(NamedTuple):

@@ -16,6 +16,14 @@ does not exist, and 1 / alpha is 0. The tangent is exact; partner, gap and norma
 
 What n does to P at a fixed tau follows from D, whatever the law: turning tau and n together turns P.
 
+Where the traction is that of both sides, t = w1 t1 - w2 J t2 with the nominal traction t2 of the partner's cell per its
+own undeformed area, at the partner, and J of `finite_geometry`, it moves with the partner, too:
+
+    dt = w1 dt1 - w2 J (dt2 + t2,i dxi_i) - w2 t2 dJ
+
+The weights do not change in a load step; T[v] is that of the partner and the J of the last search. Without a partner
+t = w1 t1.
+
 Terms with dn and dxi in them have no sign, and are of the order of |P| / size of the facet, where those with dg are of
 the order of gamma. At a solution, where g is small, they are small beside these. At an iterate in which bodies overlap
 by a good part of a facet they are not: the tangent would be indefinite and say nothing of what comes after the overlap.
@@ -34,6 +42,7 @@ from pcontact.contact.formulation.finite_geometry import (
     NONE,
     PointWork,
     derive_point,
+    derive_ratio,
     dot,
     place_point,
     point_work,
@@ -52,8 +61,9 @@ class FiniteParameters(NamedTuple):
         alpha and 1 / alpha; both 0 without friction.
     gamma : ndarray (np,)
         [stress/length]
-    adjoint : ndarray (np, nn, d, d)
-        T, row i of it the traction t_i [stress/length]; of length 0 where theta = 0.
+    adjoint : ndarray (np, nr, d, d)
+        T, row i of it the traction t_i, of the nodes of the source's cell or of both cells [stress/length]; of length 0
+        where theta = 0.
     depth : ndarray (nf,)
         Overlap beyond which the tangent turns normals and moves partners in part only [length].
     """
@@ -86,6 +96,30 @@ class Acting(NamedTuple):
     slope: np.ndarray
 
 
+class Sides(NamedTuple):
+    """The part of partners in the tractions of the points (np).
+
+    Attributes
+    ----------
+    weight : ndarray (np,)
+        -w2; of length 0 where all tractions are those of the source.
+    traction : ndarray (np, d)
+        t2 [stress].
+    along : ndarray (np, 2, d)
+        t2,i [stress].
+    axis : float
+        Where the axis of symmetry is, relative to the origin; infinite without one [length].
+    """
+
+    weight: np.ndarray
+    traction: np.ndarray
+    along: np.ndarray
+    axis: float
+
+
+ALONE = Sides(np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0, 0)), np.inf)
+
+
 class Slopes(NamedTuple):
     """Derivatives of tractions of some points.
 
@@ -93,12 +127,15 @@ class Slopes(NamedTuple):
     ----------
     at : ndarray (np,)
         Row of each point in ``rows``, -1 where the traction is constant.
-    rows : ndarray (n, nn, d, d)
-        dt_i / du_aj [stress/length].
+    rows : ndarray (n, nn or nr, d, d)
+        dt_i / du_aj at a partner and J that do not move, of the nodes of the source's cell or of both cells
+        [stress/length].
+    sides : Sides
     """
 
     at: np.ndarray
     rows: np.ndarray
+    sides: Sides = ALONE
 
 
 @njit
@@ -121,6 +158,15 @@ def _weigh(gamma, inverse, n, v, out):
         out[i] = (along * n[i] + (v[i] - along * n[i]) * inverse) / gamma
 
 
+@njit_inner
+def _node(source, partner, p, c):
+    """Node c of a point: those of the source's cell, of the partner's facet, and the others of its cell."""
+    nn, mt = source.cells.shape[1], partner.nodes.shape[1]
+    if c < nn:
+        return source.cells[source.facet[p], c]
+    return partner.nodes[p, c - nn] if c < nn + mt else partner.others[p, c - nn - mt]
+
+
 @njit
 def add_residual(parameters, source, partner, placed, acting, out):
     """Add the residual to ``out`` (n, d) [force]; ``placed`` is what `evaluate` says."""
@@ -132,12 +178,13 @@ def add_residual(parameters, source, partner, placed, acting, out):
             for i in range(d):
                 rest[i] = force[p, i] - acting.traction[p, i]
             _weigh(parameters.gamma[p], parameters.inverse[p], normal[p], rest, weight)
-            for a in range(source.cells.shape[1]):
+            for a in range(adjoint.shape[1]):
+                node = _node(source, partner, p, a)
                 for j in range(d):
                     value = 0.0
                     for i in range(d):
                         value += weight[i] * adjoint[p, a, i, j]
-                    out[source.cells[f, a], j] += parameters.theta * w * value
+                    out[node, j] += parameters.theta * w * value
         if acting.status[p] == 0:
             continue
         for a in range(source.on.shape[1]):
@@ -153,14 +200,15 @@ class TangentWork(NamedTuple):
 
     Attributes
     ----------
-    dtau, dforce, weak : ndarray (d, n)
-        dtau, later without what turns; dP; G^-1 (dP - dt) + dG^-1 (P - t).
+    dt, dtau, dforce, weak : ndarray (d, n)
+        dt; dtau, later without what turns; dP; G^-1 (dP - dt) + dG^-1 (P - t).
     dn : ndarray (d, n)
     rest, turned : ndarray (d,)
     point : pcontact.contact.formulation.finite_geometry.PointWork
         For the nodes of both facets.
     """
 
+    dt: np.ndarray
     dtau: np.ndarray
     dforce: np.ndarray
     weak: np.ndarray
@@ -170,17 +218,45 @@ class TangentWork(NamedTuple):
     point: PointWork
 
 
-def tangent_work(d, nn, ms, mt):
-    """Scratch for cells of nn nodes, ms of which are on the facet, and partners of mt nodes."""
-    wide = (np.zeros((d, (nn + mt) * d)) for _ in range(4))
+def tangent_work(d, nn, ms, mt, others=0):
+    """Scratch for cells of nn nodes, ms of which are on the facet, and partners of mt nodes and others of the cell."""
+    wide = (np.zeros((d, (nn + mt + others) * d)) for _ in range(5))
     return TangentWork(*wide, np.zeros(d), np.zeros(d), point_work(d, ms + mt))
 
 
 @njit_inner
+def _fill_dt(slopes, ratio, p, places, work, out):
+    """dt, with J ratio where the point has a partner, else 0; ``places`` are ms, nn, mt and the facet's nodes."""
+    d, row, (ms, nn, mt, on), sides = len(work.n), slopes.at[p], places, slopes.sides
+    out.dt[:, :] = 0.0
+    if row >= 0:
+        for a in range(slopes.rows.shape[1]):
+            for i in range(d):
+                for j in range(d):
+                    out.dt[i, a * d + j] = slopes.rows[row, a, i, j]
+    if ratio == 0.0:
+        return
+    factor = sides.weight[p] * ratio
+    for slot in range(ms + mt):
+        place = on[slot] if slot < ms else nn + slot - ms
+        for j in range(d):
+            k, column = slot * d + j, place * d + j
+            for i in range(d):
+                moved = sides.traction[p, i] * work.dj[k]
+                for q in range(d - 1):
+                    moved += sides.along[p, q, i] * work.dxi[q, k]
+                out.dt[i, column] += factor * moved
+
+
+@njit_inner
 def _fill_dtau(gamma, alpha, ms, nn, mt, on, work, out):
-    """gamma (n dg + g dn - alpha ds_T) and dn in the columns of the nodes of both facets."""
+    """dt + gamma (n dg + g dn - alpha ds_T), and dn in the columns of the nodes of both facets."""
     d, n, g, s = len(work.n), work.n, work.gap[0], work.slip
     across = dot(n, s)
+    out.dn[:, :] = 0.0
+    for k in range(out.dt.shape[1]):
+        for i in range(d):
+            out.dtau[i, k] = out.dt[i, k]
     for slot in range(ms + mt):
         place = on[slot] if slot < ms else nn + slot - ms
         for j in range(d):
@@ -220,16 +296,14 @@ def _fill_dforce(n, tau, force, slope, columns, out):
 
 
 @njit_inner
-def _fill_weak(gamma, inverse, n, slopes, row, nn, columns, out):
+def _fill_weak(gamma, inverse, n, columns, out):
     """G^-1 (dP - dt) + dG^-1 (P - t) with P - t in out.rest."""
     d = len(n)
     factor, along = (1.0 - inverse) / gamma, dot(out.rest, n)
     for k in range(columns):
-        a, j, turn = k // d, k % d, 0.0
+        turn = 0.0
         for i in range(d):
-            out.turned[i] = out.dforce[i, k]
-            if a < nn and row >= 0:
-                out.turned[i] -= slopes.rows[row, a, i, j]
+            out.turned[i] = out.dforce[i, k] - out.dt[i, k]
             turn += out.dn[i, k] * out.rest[i]
         between = dot(out.turned, n)
         for i in range(d):
@@ -265,9 +339,9 @@ def add_tangent(parameters, source, partner, motion, acting, slopes, out, blocks
     out : TangentWork
     blocks : pcontact.assembly.graph.BlockRows
     """
-    theta, adjoint, work = parameters.theta, parameters.adjoint, out.point
+    theta, adjoint, work, sides = parameters.theta, parameters.adjoint, out.point, slopes.sides
     d, nn, ms, mt = motion.u.shape[1], source.cells.shape[1], source.on.shape[1], partner.nodes.shape[1]
-    missing, columns = 0, (nn + mt) * d
+    missing = 0
     for p in range(len(source.facet)):
         force = acting.force[p]
         if acting.status[p] == 0 and theta == 0.0:
@@ -280,38 +354,36 @@ def add_tangent(parameters, source, partner, motion, acting, slopes, out, blocks
         mode = partner.mode[p] if found else NONE
         derive_point(source, partner, p, mode, slides, work)
         _damp(parameters.depth[f], source.shape[p], min(mt, NODE_COUNTS[partner.kind[p]]), work)
-        out.dtau[:, :] = 0.0
-        out.dn[:, :] = 0.0
+        both, ratio = len(sides.weight) > 0 and sides.weight[p] != 0.0, 0.0
+        if both and found:
+            ratio = derive_ratio(source, partner, motion, p, sides.axis, work)
+        columns = (nn + mt + (partner.others.shape[1] if both else 0)) * d
+        _fill_dt(slopes, ratio, p, (ms, nn, mt, source.on[f]), work, out)
         _fill_dtau(gamma if found else 0.0, alpha, ms, nn, mt, source.on[f], work, out)
-        row = slopes.at[p]
-        if row >= 0:
-            for a in range(nn):
-                for i in range(d):
-                    for j in range(d):
-                        out.dtau[i, a * d + j] += slopes.rows[row, a, i, j]
         _fill_dforce(work.n, acting.tau[p], force, acting.slope[p], columns, out)
         if theta != 0.0:
             for i in range(d):
                 out.rest[i] = force[i] - acting.traction[p, i]
-            _fill_weak(gamma, parameters.inverse[p], work.n, slopes, row, nn, columns, out)
-            missing += _add_weak(theta * source.jxw[p], source, partner, p, adjoint[p], out, blocks)
+            _fill_weak(gamma, parameters.inverse[p], work.n, columns, out)
+            rows = columns // d if both else nn
+            missing += _add_weak(theta * source.jxw[p], source, partner, p, adjoint[p, :rows], columns, out, blocks)
         if acting.status[p] > 0:
-            missing += _add_pressed(source.jxw[p], source, partner, p, force, out, blocks)
+            missing += _add_pressed(source.jxw[p], source, partner, p, force, columns, out, blocks)
     return missing
 
 
 @njit_inner
-def _add_pressed(weight, source, partner, p, force, out, blocks):
+def _add_pressed(weight, source, partner, p, force, columns, out, blocks):
     """- int dP . [[v]] + int (P . v_T,i) dxi_i"""
     f, d, work = source.facet[p], len(force), out.point
-    nn, ms, mt = source.cells.shape[1], source.on.shape[1], partner.nodes.shape[1]
+    ms, mt = source.on.shape[1], partner.nodes.shape[1]
     missing, mt = 0, min(mt, NODE_COUNTS[partner.kind[p]])
     for r in range(ms + mt):
         m = r - ms
         row = partner.nodes[p, m] if m >= 0 else source.cells[f, source.on[f, r]]
         part = work.shapes[0, m] if m >= 0 else -source.shape[p, r]
-        for c in range(nn + mt):
-            column = source.cells[f, c] if c < nn else partner.nodes[p, c - nn]
+        for c in range(columns // d):
+            column = _node(source, partner, p, c)
             k = find(blocks.columns, blocks.rowptr[row], blocks.rowptr[row + 1], column)
             if k < 0:
                 missing += 1
@@ -335,21 +407,19 @@ def _add_pressed(weight, source, partner, p, force, out, blocks):
 
 
 @njit_inner
-def _add_weak(weight, source, partner, p, adjoint, out, blocks):
+def _add_weak(weight, source, partner, p, adjoint, columns, out, blocks):
     """theta int (G^-1 (dP - dt) + dG^-1 (P - t)) . T[v]; a node that nothing depends on needs no place."""
-    f, d = source.facet[p], adjoint.shape[1]
-    nn, mt = source.cells.shape[1], partner.nodes.shape[1]
-    missing = 0
-    for c in range(nn + mt):
+    d, missing = adjoint.shape[1], 0
+    for c in range(columns // d):
         still = True
         for j in range(d):
             for i in range(d):
                 still = still and out.weak[i, c * d + j] == 0.0
         if still:
             continue
-        column = source.cells[f, c] if c < nn else partner.nodes[p, c - nn]
-        for r in range(nn):
-            row = source.cells[f, r]
+        column = _node(source, partner, p, c)
+        for r in range(len(adjoint)):
+            row = _node(source, partner, p, r)
             k = find(blocks.columns, blocks.rowptr[row], blocks.rowptr[row + 1], column)
             if k < 0:
                 missing += 1

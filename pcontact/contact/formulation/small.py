@@ -65,8 +65,8 @@ class SmallTerms:
         return self.law.tangential and not self.law.tied
 
     def wide(self, p):
-        """Points (np,) whose adjoint term needs the cells of their partners, of open ones, too."""
-        return (p.operator.width > self.source.shape.shape[1]) & (self.method.theta != 0.0)
+        """Points (np,) whose traction is that of the cells of their partners, too."""
+        return p.operator.width > self.source.shape.shape[1]
 
     # -- a load step ----------------------------------------------------------------------------------------------
 

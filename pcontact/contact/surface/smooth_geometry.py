@@ -36,7 +36,7 @@ from pcontact.contact.surface.vertex_normals import (
     corner_normals,
     curved_normals,
     facet_normals,
-    sharpest,
+    sharpness,
 )
 from pcontact.element.reference import CELLS, facet_nodes, n_nodes, reference_nodes
 from pcontact.element.shape import shape
@@ -283,10 +283,17 @@ def _facets_of(space, name):
     return own._replace(mid=mid_normals(own.x, own.count, middles)) if space.dim == 3 else own, middles
 
 
+def beside_corners(space, name):
+    """Which facets of this rank (nf,) of a group have convex edges, in the plane vertices, of more than `EDGE`.
+    *Collective.*"""
+    own = _facets_of(space, name)[0]
+    every = _with_neighbours(space, own)
+    return np.isin(own.ids, every.ids[sharpness(every) > EDGE])
+
+
 def has_corner(space, name):
     """Whether a surface has convex edges, in the plane vertices, of more than `EDGE`. *Collective.*"""
-    every = _with_neighbours(space, _facets_of(space, name)[0])
-    return space.comm.allreduce(sharpest(every) > EDGE, op=MPI.LOR)
+    return space.comm.allreduce(bool(beside_corners(space, name).any()), op=MPI.LOR)
 
 
 def smooth_surface(space, name, fitted):

@@ -306,12 +306,14 @@ def _kinks(facets, rows, corner, pairs):
     return largest
 
 
-def sharpest(facets):
-    """Largest angle [rad] by which two facets turn away from each other at an edge that they share."""
+def sharpness(facets):
+    """Largest angle (nf,) [rad] by which facets turn away from others at edges that they share."""
     rows, corner, key = _slots(facets)
     pairs, angle = _turns(facets, facet_normals(facets), rows, key)
     size = np.abs(angle) if facets.own is None else _kinks(facets, rows, corner, pairs)
-    return float(np.max(np.where(angle > 0.0, size, 0.0), initial=0.0))
+    largest = np.zeros(len(facets.ids))
+    np.maximum.at(largest, rows[pairs], np.where(angle > 0.0, size, 0.0)[:, None])
+    return largest
 
 
 def _own_turns(facets):

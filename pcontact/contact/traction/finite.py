@@ -12,6 +12,7 @@ that is compressed along N alone, to 1/w of its length, it is (1 + ln w) w^2 tim
 second eigenvalue, mu in the undeformed state.
 """
 
+from copy import copy
 from typing import NamedTuple
 
 import numpy as np
@@ -45,12 +46,14 @@ class _Facets(NamedTuple):
 
 class _Part(NamedTuple):
     """Those of one block: its ``number``, the ``rows`` of the parent cells in it, and ``which`` of the source's facets
-    they are; how stiff they are behind these in the undeformed state, ``soft`` (n, 2) [stress]."""
+    they are; the quadrature points of the cells, ``rule`` (nq, d), in the reference domain; how stiff they are behind
+    the facets in the undeformed state, ``soft`` (n, 2) [stress]."""
 
     number: int
     rows: np.ndarray
     which: slice
     facets: _Facets
+    rule: np.ndarray
     soft: np.ndarray
 
 
@@ -126,7 +129,8 @@ def _stiffest(state, facets, nodal, normal, work, out):
     tensor, values, vectors, m = np.zeros((3, 3)), np.zeros(3), np.zeros((3, 3)), work.point.stress.shape[0]
     for c in range(len(cells.nodes)):
         out[c, :] = 0.0
-        if not begin_cell(state, cells, nodal, c, ELASTIC, work):
+        # facets of other pairs have no points here
+        if first[c] == first[c + 1] or not begin_cell(state, cells, nodal, c, ELASTIC, work):
             continue
         for q in range(cells.grad.shape[1]):
             if not point_of_cell(state, cells, c, q, ELASTIC, work):
@@ -183,34 +187,47 @@ class FiniteTraction:
     nodes = np.zeros(0, dtype=np.int64)
 
     def __init__(self, space, bulk, source, name):
-        self.source, self._bulk, self._parts, first = source, bulk, [], 0
-        finite = np.zeros(len(source.cells), dtype=bool)
+        self.source, self._space, self._bulk, self._name = source, space, bulk, name
+        self._parts, first, self._finite = [], 0, np.zeros(len(source.cells), dtype=bool)
         for facets in space.mesh.facet_groups.get(name, []):
             which = slice(first, first + len(facets.cells))
             first = which.stop
             if facets.block in bulk.parts:
-                self._parts.append(self._part(space, facets, which))
-                finite[which] = True
-        self.small = source.mute(finite)
-        self._rest = self._small(space, bulk, name)
+                self._parts.append(self._part(facets, which))
+                self._finite[which] = True
+        self.small = source.mute(self._finite)
+        self._rest = self._small()
 
-    def _small(self, space, bulk, name):
+    def at(self, source):
+        """The same of other points of the same facets, one facet after the other. *Collective.*"""
+        other = copy(self)
+        other.source, other.small = source, source.mute(self._finite)
+        other._parts = [
+            part._replace(facets=other._behind(part.number, part.facets.cells, part.which, part.rule))
+            for part in self._parts
+        ]
+        other._rest = other._small()
+        return other
+
+    def _small(self):
         """Traction of the facets without finite strain."""
-        return Traction(self.small).of_materials(space, bulk, name, 0.0)
+        return Traction(self.small).of_materials(self._space, self._bulk, self._name, 0.0)
 
-    def _part(self, space, facets, which):
-        source, cell = self.source, space.mesh.blocks[facets.block].cell
-        rows = np.ascontiguousarray(facets.cells)
-        grad, jxw, shapes, rule = some_cells_weighted(space, facets.block, rows)
-        cells = self._bulk.parts[facets.block].cells(rows, grad, jxw, shapes)
-        places = facet_points(source, which, cell, space.degree, rule)
+    def _behind(self, number, cells, which, rule):
+        """Facets with the points of the source."""
+        places = facet_points(self.source, which, self._space.mesh.blocks[number].cell, self._space.degree, rule)
         places = places._replace(matrix=np.ascontiguousarray(places.matrix))
-        first = np.searchsorted(places.facet, np.arange(len(rows) + 1))
+        return _Facets(cells, np.searchsorted(places.facet, np.arange(len(cells.nodes) + 1)), places)
+
+    def _part(self, facets, which):
+        rows = np.ascontiguousarray(facets.cells)
+        grad, jxw, shapes, rule = some_cells_weighted(self._space, facets.block, rows)
+        behind = self._behind(facets.block, self._bulk.parts[facets.block].cells(rows, grad, jxw, shapes), which, rule)
         state = self._bulk.parts[facets.block].of(rows)
         state, soft = state._replace(strain=0.0 * state.strain, p=0.0 * state.p), np.empty((len(rows), 2))
-        behind = _Facets(cells, first, places)
-        _stiffest(state, behind, np.zeros_like(space.points), source.normal, cell_work(cells), soft)
-        return _Part(facets.block, rows, which, behind, soft)
+        nodal, work = np.zeros_like(self._space.points), cell_work(behind.cells)
+        _stiffest(state, behind, nodal, self.source.normal, work, soft)
+        return _Part(facets.block, rows, which, behind, rule, soft)
 
     def _present(self, part, p):
         """State of the cells of a part, and its facets with the nodes of a pairing."""
@@ -239,15 +256,33 @@ class FiniteTraction:
             work = _Stresses(cell_work(facets.cells), np.zeros((nq, d, d)), np.zeros((nq, d, d, nn * d)))
             _add_tractions(state, facets, values, self.source.normal, asked, work, out)
 
-    def traction(self, values, p, wanted):
-        """Tractions (np, d) of the points that are wanted (np,) at nodal values (n, d) [stress]."""
+    def weigh(self, found, nodal):
+        """Partners as they are: no traction of theirs counts. *Collective.*"""
+        return found
+
+    def begin(self, method, growth, values, p):
+        """Give a formulation its parameters for a load step that begins at nodal values (n, d), where the cells of the
+        points have grown stiffer by ``growth`` (np, 2). *Collective.*"""
+        method.begin(growth)
+
+    def reaches(self, p):
+        """Points (np,) whose traction is that of the cells of their partners, too."""
+        return np.zeros(len(p.paired), dtype=bool)
+
+    def adjoint(self, values, p):
+        """T (np, nn, d, d), see `pcontact.contact.formulation.finite_kernels`, at nodal values (n, d). *Collective.*"""
+        return self.slopes(values, p, p.every, elastic=True).rows
+
+    def traction(self, values, p, wanted, contact=None):
+        """Tractions (np, d) of the points that are wanted (np,) at nodal values (n, d), of both sides where they are
+        by a :class:`pcontact.contact.formulation.finite.Contact` [stress]."""
         out = self._rest.linear(values, p, wanted)
         self._rest.add_excess(values, p, out)
         asked = _Asked(STRESS, wanted, np.zeros(0, dtype=np.int64))
         self._add(values, p, asked, _Answer(out, np.zeros((0, 0, 0, 0))))
         return out
 
-    def slopes(self, values, p, wanted, elastic=False):
+    def slopes(self, values, p, wanted, elastic=False, contact=None):
         """Derivatives of the tractions of the wanted points, a `Slopes`; where `elastic`, with elastic moduli."""
         d = self.source.x.shape[1]
         at = np.where(wanted, np.cumsum(wanted) - 1, -1)
@@ -271,14 +306,14 @@ class NoTraction(FiniteTraction):
         super().__init__(space, bulk, source, name)
         self.small = source
 
-    def _small(self, space, bulk, name):
+    def _small(self):
         return None
 
-    def traction(self, values, p, wanted):
+    def traction(self, values, p, wanted, contact=None):
         """Zeros (np, d)."""
         return np.zeros_like(self.source.x)
 
-    def slopes(self, values, p, wanted, elastic=False):
+    def slopes(self, values, p, wanted, elastic=False, contact=None):
         """None at any point."""
         d = self.source.x.shape[1]
         return Slopes(np.full(len(self.source.facet), -1), np.zeros((0, self.source.shape.shape[1], d, d)))

@@ -31,6 +31,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pcontact.contact.formulation.finite_geometry import ASKEW
 from pcontact.contact.points import Excess
 from pcontact.contact.search.nearest import EDGE
 from pcontact.contact.surface.sides import at_places, source_surface
@@ -43,9 +44,6 @@ from pcontact.runtime.petsc import MPI
 # [facet sizes] Gap up to which the partner of a point has a part in the traction. From: chosen, as far as facets get
 # their place in the pattern before they close; nothing is asked of most points of most surfaces.
 NEAR = 4.0
-# [-] Ratio of areas, or its inverse, beyond which the partner has no part in the traction. From: chosen; facets that
-# face each other at 75 degrees.
-ASKEW = 4.0
 
 
 class Weighted(NamedTuple):
@@ -70,6 +68,38 @@ class Weighted(NamedTuple):
     normal: np.ndarray
 
 
+class Facing(NamedTuple):
+    """The two sides at the points (np) of a source.
+
+    Attributes
+    ----------
+    alone : ndarray (np,) of bool
+        Points without a part of their partners in the traction.
+    still : ndarray (np,) of bool
+        Points of whose cells no node is free to move.
+    ratio : ndarray (np,)
+        J.
+    first, second : ndarray (np, 2)
+        Trace constants l1, l2 of the cells [stress/length], and their parts in shear.
+    """
+
+    alone: np.ndarray
+    still: np.ndarray
+    ratio: np.ndarray
+    first: np.ndarray
+    second: np.ndarray
+
+
+def weights(facing):
+    """w1, w2 (np,) of a :class:`Facing`, the trace constant [stress/length] and its part in shear."""
+    (l1, shear1), (l2, shear2), ratio = facing.first.T, facing.second.T, facing.ratio
+    own = np.where(facing.alone, 1.0, np.where(facing.still, 0.0, ratio * l2 / (l1 + ratio * l2)))
+    other = 1.0 - own
+    parts = own**2 * l1, other**2 * ratio * l2
+    trace = parts[0] + parts[1]
+    return own, other, trace, (parts[0] * shear1 + parts[1] * shear2) / trace
+
+
 class TargetTraction:
     """Stress of the cells of a target at partners. The constructor is *Collective*.
 
@@ -87,6 +117,7 @@ class TargetTraction:
 
     Attributes
     ----------
+    sticks : bool
     is_linear : bool
         Whether it is what has rows, and nothing besides.
     symmetric : bool
@@ -96,12 +127,16 @@ class TargetTraction:
     """
 
     def __init__(self, space, bulk, name, sticks, reach):
-        self._space, self._bulk, self._name, self._sticks, self._reach = space, bulk, name, sticks, reach
+        self._space, self._bulk, self._name, self.sticks, self._reach = space, bulk, name, sticks, reach
         self._groups = space.mesh.facet_groups.get(name, [])
         self._side = source_surface(space, name, bulk.constants, 1, bulk.orthotropic, sticks)
         self._width = space.comm.allreduce(self._side.cells.shape[1], op=MPI.MAX)
         self._stiff = np.where(self._is_rigid(self._side.cells), np.inf, self._side.trace)
-        self.traction = Traction(self._side).of_materials(space, bulk, name, 0.0)
+        self._prepare()
+
+    def _prepare(self):
+        """Set the traction up."""
+        self.traction = Traction(self._side).of_materials(self._space, self._bulk, self._name, 0.0)
         self.is_linear, self.symmetric = self.traction.is_linear, self.traction.symmetric
 
     @property
@@ -117,8 +152,7 @@ class TargetTraction:
         return np.zeros(len(cells), dtype=bool) if rigid is None else rigid[cells].all(axis=1)
 
     def _answer(self, asked, nodal, m):
-        """What partners say, a list of arrays of n rows: nodes, derivative of the traction; trace constant, its part in
-        shear, area vector along the contact normal, radius, normal.
+        """What partners say, a list of arrays of n rows: nodes, derivative of the traction; :meth:`_numbers`, normal.
 
         Parameters
         ----------
@@ -128,8 +162,33 @@ class TargetTraction:
         m : int
             Directions in which tractions count.
         """
-        space, side, d, n = self._space, self._side, self._space.dim, len(asked)
+        side, d, n = self._side, self._space.dim, len(asked)
         rows, xi, contact = asked[:, 0].astype(np.int64), asked[:, 1:d], np.ascontiguousarray(asked[:, d:])
+        at, slope, order = self._surface(rows, xi)
+        self._first = order
+        if self.is_linear:
+            self.traction = Traction(at).with_linear(self._space, self._bulk, self._name)
+        else:
+            self.traction = Traction(at).of_materials(self._space, self._bulk, self._name, 0.0)
+        out = np.empty((*slope.shape[:2], m, d))
+        self.traction.derivative(np.arange(n), np.eye(d)[None] if m == d else contact[:, None], np.ones(n), out)
+        # the nodes of the facets are the first ones
+        every = np.arange(n)[:, None]
+        nodes = self._space.nodes[side.cells[rows]][every, order]
+        return [nodes, out[every, order], np.column_stack([self._numbers(at, slope, nodal, contact), at.normal])]
+
+    def _numbers(self, at, slope, nodal, contact):
+        """Trace constant, its part in shear, area vector along the contact normal (n, d), its length, and radius, of
+        partners: (n, 5)."""
+        rows = at.facet
+        faces = area_vectors(slope, nodal[self._side.cells[rows]], at.normal)
+        along, length = np.einsum("pd,pd->p", faces, contact), np.linalg.norm(faces, axis=1)
+        return np.column_stack([self._stiff[rows], self._side.shear[rows], along, length, at.x[:, 0]])
+
+    def _surface(self, rows, xi):
+        """Points xi (n, d - 1) of facets (n,) of this rank as those of a source, gradients of the shape functions
+        (n, nn, d), and the nodes (n, nn) of the cells in an order in which those of the facets are first."""
+        space, side, d, n = self._space, self._side, self._space.dim, len(rows)
         x, normal, shape = np.empty((n, d)), np.empty((n, d)), np.zeros((n, side.cells.shape[1]))
         slope, grad = np.zeros((2, *shape.shape, d))
         order, first = np.tile(np.arange(shape.shape[1]), (n, 1)), 0
@@ -144,18 +203,7 @@ class TargetTraction:
             first += len(facets.cells)
         # its volumetric operator follows from the others
         at = replace(side, facet=rows, x=x, normal=normal, jxw=np.ones(n), shape=shape, grad=grad, slope=None)
-        self._first = order
-        if self.is_linear:
-            self.traction = Traction(at).with_linear(space, self._bulk, self._name)
-        else:
-            self.traction = Traction(at).of_materials(space, self._bulk, self._name, 0.0)
-        out = np.empty((*grad.shape[:2], m, d))
-        self.traction.derivative(np.arange(n), np.eye(d)[None] if m == d else contact[:, None], np.ones(n), out)
-        faces = np.einsum("pd,pd->p", area_vectors(slope, nodal[side.cells[rows]], normal), contact)
-        numbers = np.column_stack([self._stiff[rows], side.shear[rows], faces, x[:, 0], normal])
-        # the nodes of the facets are the first ones
-        every = np.arange(n)[:, None]
-        return [space.nodes[side.cells[rows]][every, order], out[every, order], numbers]
+        return at, slope, order
 
     def _places(self, facets, rows, first, xi):
         """Places, normals, shape functions and gradients of :func:`at_places`, of facets of this rank (n,)."""
@@ -191,7 +239,7 @@ class TargetTraction:
         self._order, self._count = rows[order], len(found.paired)
         self._asked = [(rank, len(one)) for rank, one in asked.items()]
         answers = self._answer(np.concatenate([np.zeros((0, 2 * d)), *asked.values()]), nodal, m)
-        n, shapes = len(answers[0]), [(width,), (width, m, d), (4 + d,)]
+        n, shapes = len(answers[0]), [(width,), (width, m, d), (5 + d,)]
         wide = [np.zeros((n, *shape)) for shape in shapes]
         for whole, part in zip(wide, answers, strict=True):
             whole[:, : part.shape[1]] = part
@@ -243,31 +291,38 @@ class TargetTraction:
         derivative : ndarray (np, nt, m, d)
             Of t2 by displacements of these nodes [stress/length].
         """
-        near = found.paired & (found.gap <= self._reach * source.size[source.facet])
+        near = self._near(found, source)
         nodes, derivative, numbers = self.ask(found, np.flatnonzero(near), nodal, m)
-        l2, shear2, area, radius = numbers[:, :4].T
-        l1, shear1 = source.trace[source.facet], source.shear[source.facet]
-        slope = source.grad if source.slope is None else source.slope
-        faces = area_vectors(slope, nodal[source.cells[source.facet]], source.normal)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            ratio = np.abs(np.einsum("pd,pd->p", faces, found.normal) / area)
-            if self._space.axisymmetric:
-                ratio *= radius / source.x[:, 0]
-            both = near & (found.held < EDGE) & (ratio <= ASKEW) & (ratio >= 1.0 / ASKEW)
-        alone = ~both | np.isinf(l2)
-        ratio, l2 = np.where(both, ratio, 1.0), np.where(alone, 1.0, l2)
-        harmonic = np.where(self._is_rigid(source.cells)[source.facet], 0.0, ratio * l2 / (l1 + ratio * l2))
-        own = np.where(alone, 1.0, harmonic)
-        other = 1.0 - own
-        parts = own**2 * l1, other**2 * ratio * l2
-        trace = parts[0] + parts[1]
-        part = (parts[0] * shear1 + parts[1] * shear2) / trace if self._sticks else None
+        facing = self._facing(found, source, near, numbers, nodal)
+        own, other, trace, part = weights(facing)
         nodes = nodes.astype(np.int64)
         # those that are asked nothing have their facets
         rest, width = found.paired & ~near, found.nodes.shape[1]
         nodes[rest, :width], nodes[rest, width:] = found.nodes[rest], found.nodes[rest, :1]
         found = found._replace(nodes=nodes)
-        return found, Weighted(own, -other * ratio, trace, part, numbers[:, 4:].copy()), derivative
+        part = part if self.sticks else None
+        return found, Weighted(own, -other * facing.ratio, trace, part, numbers[:, 5:].copy()), derivative
+
+    def _near(self, found, source):
+        """Points (np,) that ask their partners."""
+        return found.paired & (found.gap <= self._reach * source.size[source.facet])
+
+    def _facing(self, found, source, near, numbers, nodal):
+        """A :class:`Facing` of the points of a source, of which some (np,) have asked, and been told numbers (np, 5 or
+        more) of :meth:`_numbers`."""
+        l2, shear2, along, length, radius = numbers[:, :5].T
+        slope = source.grad if source.slope is None else source.slope
+        faces = area_vectors(slope, nodal[source.cells[source.facet]], source.normal)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratio = np.abs(np.einsum("pd,pd->p", faces, found.normal) / along)
+            askew = ratio * length / np.linalg.norm(faces, axis=1)
+            if self._space.axisymmetric:
+                ratio *= radius / source.x[:, 0]
+            both = near & (found.held < EDGE) & (askew <= ASKEW) & (askew >= 1.0 / ASKEW)
+        alone, still = ~both | np.isinf(l2), self._is_rigid(source.cells)[source.facet]
+        first = np.column_stack([source.trace, source.shear])[source.facet]
+        second = np.column_stack([np.where(alone, 1.0, l2), shear2])
+        return Facing(alone, still, np.where(both, ratio, 1.0), first, second)
 
 
 class WeightedTraction(Traction):
@@ -361,14 +416,14 @@ def area_vectors(slope, values, normal):
 def is_two_sided(space, bulk, contact):
     """Whether the traction of a contact by Nitsche's method is the weighted one of both sides. *Collective.*
 
-    It is, unless the contact says otherwise, for two surfaces of bodies with small strain. The second derivative of the
-    stress, which the consistent adjoint of cells that yield has, is that of the source alone.
+    It is, unless the contact says otherwise, for two surfaces. The second derivative of the stress, which the
+    consistent adjoint of cells with small strain that yield has, is that of the source alone.
     """
     if contact.target in (None, contact.source) or contact.all or contact.traction == "source":
         return False
     groups = [space.mesh.facet_groups.get(name, []) for name in (contact.source, contact.target)]
     numbers = {facets.block for group in groups for facets in group if len(facets.cells)}
-    others = set(bulk.parts) | (set(bulk.states) if contact.adjoint == "consistent" else set())
+    others = set(bulk.states) if contact.adjoint == "consistent" else set()
     return space.comm.allreduce(not numbers & others, op=MPI.LAND)
 
 

@@ -17,6 +17,7 @@ from pcontact.contact.formulation.finite_geometry import (
     FinitePartner,
     FiniteSource,
     Motion,
+    area_ratios,
     evaluate,
     point_work,
     unplaced,
@@ -24,6 +25,7 @@ from pcontact.contact.formulation.finite_geometry import (
 from pcontact.contact.formulation.finite_kernels import (
     Acting,
     FiniteParameters,
+    Sides,
     Slopes,
     add_residual,
     add_tangent,
@@ -46,7 +48,7 @@ STATES = {
 }
 NAMES = {RAY: "ray", CLOSEST: "closest", HELD: "held", FIXED: "fixed", TIED: "tied", OBSTACLE: "obstacle", NONE: "none"}
 EXTRA = 2
-GAMMA, ALPHA, WEIGHT = 3.0, 0.7, 0.37
+GAMMA, ALPHA, WEIGHT, OWN = 3.0, 0.7, 0.37, 0.4
 
 
 def turn_of(d, angle=1.1):
@@ -60,9 +62,10 @@ def turn_of(d, angle=1.1):
 
 class Setting:
     """A source point, its facet with nodes of the cell behind, and a target facet above it; the source's traction is
-    linear in the displacement, with random numbers."""
+    linear in the displacement, with random numbers. Of ``both`` sides that of the target is, too, and linear in the
+    reference coordinates; in the plane it is a section through an axis of symmetry."""
 
-    def __init__(self, facet, degree, mode, state, theta, seed=0):
+    def __init__(self, facet, degree, mode, state, theta, seed=0, both=False):
         random = np.random.default_rng(seed)
         self.facet, self.degree, self.mode, self.theta, self.name = facet, degree, mode, theta, state
         ref = reference_nodes(facet, degree)
@@ -81,6 +84,8 @@ class Setting:
         over = over + 0.08 * random.standard_normal(over.shape) + side * gap * np.eye(d)[-1] + 0.05 * np.eye(d)[0]
         behind = -side * np.eye(d)[-1] + random.standard_normal((EXTRA, d))
         self.x = np.concatenate([own, behind, over])[: self.nn + self.mt]
+        self.both, self.others, self.axis = both, EXTRA * both, -3.0 if both and d == 2 else np.inf
+        self.x = np.concatenate([self.x, random.standard_normal((self.others, d))])
         n = len(self.x)
         self.u, self.before = 0.02 * random.standard_normal((2, n, d))
         inside = np.full((1, self.nb), 0.3 if facet == "triangle" else 0.15)
@@ -108,8 +113,12 @@ class Setting:
         self.frictional = self.law is not None
         self.t0 = 0.2 * random.standard_normal(d) if state != "open" else 0.02 * random.standard_normal(d)
         self.dt, self.adjoint = random.standard_normal((2, self.nn, d, d))
+        if both:
+            self.adjoint = random.standard_normal((n, d, d))
+            self.t2, self.bend = 0.2 * self.t0 + 0.02 * random.standard_normal(d), random.standard_normal(self.nb)
+            self.dt2 = random.standard_normal((n - self.nn, d, d))
         alpha, inverse = (ALPHA, 1.0 / ALPHA) if self.frictional else (0.0, 0.0)
-        adjoint = self.adjoint[None] if theta else np.zeros((0, self.nn, d, d))
+        adjoint = self.adjoint[None] if theta else np.zeros((0, *self.adjoint.shape))
         self.parameters = FiniteParameters(
             theta, np.array([alpha]), np.array([inverse]), np.array([GAMMA]), adjoint, np.array([np.inf])
         )
@@ -130,6 +139,7 @@ class Setting:
             np.array([self.mode]), self.nn + np.arange(self.mt)[None], np.array([KIND[self.facet, self.degree]]), xi,
             normal, np.array([0.003]), self.offset[None], np.array([length - 1.0]), curved,
             (self.shape @ (self.x + self.before)[: self.ms])[None] + 0.01,
+            self.nn + self.mt + np.arange(self.others)[None],
         )  # fmt: skip
 
     def motion(self, u):
@@ -142,6 +152,11 @@ class Setting:
         placed, tau = unplaced(1, d, self.mt), np.zeros((1, d))
         work = point_work(d, self.ms + self.mt)
         evaluate(self.source, partner, self.motion(u), self.frictional, work, placed)
+        ratio = np.full(1, float(self.both))
+        area_ratios(self.source, partner, self.motion(u), self.axis, work, ratio)
+        traction = OWN * traction if self.both else traction
+        if ratio[0]:
+            traction = traction - (1.0 - OWN) * ratio[:, None] * self.other(u, placed.xi[0, : self.nb])
         augment(self.parameters, placed, traction, tau)
         slope, normal, live = np.zeros((1, d, d)), placed.normal, placed.live
         if self.frictional:
@@ -154,14 +169,24 @@ class Setting:
         out, acting = np.zeros_like(self.x), Acting(traction, tau, force, status, slope)
         add_residual(self.parameters, self.source, partner, placed, acting, out)
         found = {key: getattr(placed, key)[0] for key in ("normal", "gap", "slip", "xi", "live")}
-        return out, {**found, "status": status[0]}, acting
+        return out, {**found, "status": status[0], "ratio": ratio[0]}, acting
+
+    def other(self, u, xi):
+        """Traction of the target at reference coordinates."""
+        return (self.t2 + np.einsum("aij,aj->i", self.dt2, u[self.nn :])) * (1.0 + self.bend @ xi)
 
     def tangent(self, u):
         self.blocks.values[:] = 0.0
-        slopes = Slopes(np.zeros(1, np.int64), self.dt[None])
+        slopes, (_, found, acting) = Slopes(np.zeros(1, np.int64), self.dt[None]), self.at(u)
+        if self.both:
+            xi = found["xi"][: self.nb]
+            t2, along, other = self.other(u, xi), np.zeros((2, self.d)), (1.0 + self.bend @ xi) * self.dt2
+            along[: self.nb] = self.bend[:, None] * t2 / (1.0 + self.bend @ xi)
+            rows = np.concatenate([OWN * self.dt, -(1.0 - OWN) * found["ratio"] * other])[None]
+            slopes = Slopes(slopes.at, rows, Sides(np.full(1, OWN - 1.0), t2[None], along[None], self.axis))
         missing = add_tangent(
-            self.parameters, self.source, self.partner(u), self.motion(u), self.at(u)[2], slopes,
-            tangent_work(self.d, self.nn, self.ms, self.mt), self.blocks,
+            self.parameters, self.source, self.partner(u), self.motion(u), acting, slopes,
+            tangent_work(self.d, self.nn, self.ms, self.mt, self.others), self.blocks,
         )  # fmt: skip
         assert missing == 0
         n = len(self.x)
@@ -174,7 +199,7 @@ class Setting:
         return n / np.linalg.norm(n)
 
     def _target(self, u, xi):
-        z = (self.x + u)[self.nn :]
+        z = (self.x + u)[self.nn : self.nn + self.mt]
         return (
             shape(self.facet, self.degree, xi[None])[0] @ z,
             shape_gradient(self.facet, self.degree, xi[None])[0].T @ z,
@@ -208,6 +233,19 @@ class Setting:
             s -= 0.5 * h * (away(s + h) - away(s - h)) / (away(s + h) - 2.0 * away(s) + away(s - h))
         return self.xi0 + s * e, self._target(u, self.xi0 + s * e)[0] - x
 
+    def ratio(self, u, xi, n):
+        """Undeformed areas of the target over the source: those of shadows along n, by the stretches of both."""
+        def vector(a):
+            return np.array([a[0, 1], -a[0, 0]]) if self.d == 2 else np.cross(*a)
+
+        still = np.zeros_like(u)
+        own, own0 = (vector(self.dshape.T @ (self.x + w)[: self.ms]) for w in (u, still))
+        other, other0 = (vector(self._target(w, xi)[1]) for w in (u, still))
+        ratio = np.linalg.norm(other0) / np.linalg.norm(own0) * abs((own @ n) / (other @ n))
+        if np.isinf(self.axis):
+            return ratio
+        return ratio * (self._target(still, xi)[0][0] - self.axis) / (self.shape @ self.x[: self.ms, 0] - self.axis)
+
     def twin(self, u):
         """Residual, normal, gap and tangential slip from the formulas."""
         one = np.eye(self.d)
@@ -224,6 +262,8 @@ class Setting:
         slip = (one - np.outer(n, n)) @ (a.T @ sum(zeta))
         g = g + 0.003
         t = self.t0 + np.einsum("aij,aj->i", self.dt, u[: self.nn])
+        if self.both:
+            t = OWN * t - (1.0 - OWN) * self.ratio(u, xi, n) * self.other(u, xi)
         tau = t + GAMMA * (g * n - (ALPHA * slip if self.frictional else 0.0))
         tau_n = tau @ n
         tau_t = tau - tau_n * n
@@ -236,9 +276,9 @@ class Setting:
             force = force + tau_t * min(1.0, rho / np.linalg.norm(tau_t))
             weight = weight + (one - np.outer(n, n)) / ALPHA
         out = np.zeros_like(self.x)
-        out[: self.nn] += self.theta * np.einsum("i,aij->aj", weight @ (force - t) / GAMMA, self.adjoint)
+        out[: len(self.adjoint)] += self.theta * np.einsum("i,aij->aj", weight @ (force - t) / GAMMA, self.adjoint)
         out[: self.ms] -= np.outer(self.shape, force)
-        out[self.nn :] += np.outer(shape(self.facet, self.degree, xi[None])[0], force)
+        out[self.nn : self.nn + self.mt] += np.outer(shape(self.facet, self.degree, xi[None])[0], force)
         return WEIGHT * out, n, g, slip
 
 
@@ -247,20 +287,21 @@ def settings(modes, thetas=(0.0, -1.0), states=STATES):
     return [pytest.param((*f, m, s, t), id=f"{f[0]}{f[1]}-{NAMES[m]}-{s}-{t:+.0f}") for f, m, s, t in cases]
 
 
-def setting(case):
+def setting(case, both=False):
     """The first of some random settings in which the point has the status that the state says."""
     for seed in range(50):
-        one = Setting(*case, seed)
+        one = Setting(*case, seed, both)
         _, found, _ = one.at(one.u)
         if found["live"] == (one.mode != NONE) and found["status"] == (one.status if found["live"] else OPEN):
             return one
     raise AssertionError(f"no setting for {case}")
 
 
+@pytest.mark.parametrize("both", [False, True], ids=["source", "both"])
 @pytest.mark.parametrize("case", settings([RAY, CLOSEST]))
-def test_twin_and_difference(case):
+def test_twin_and_difference(case, both):
     """Residual as the formulas say, tangent as its differences, forces in balance."""
-    one = setting(case)
+    one = setting(case, both)
     residual, found, _ = one.at(one.u)
     twin, normal, gap, slip = one.twin(one.u)
     scale = np.abs(twin).max() + (one.status == OPEN)
@@ -316,9 +357,10 @@ def test_held(facet, state):
                          + settings([FIXED, OBSTACLE], states=["slip", "frictionless"])
                          + settings([NONE], thetas=[-1.0], states=["slip", "frictionless"])
                          + settings([TIED], states=["stick"]))  # fmt: skip
-def test_difference_of_other_partners(case):
+@pytest.mark.parametrize("both", [False, True], ids=["source", "both"])
+def test_difference_of_other_partners(case, both):
     """Frozen normals, tied points, a sphere, and points without a partner."""
-    one = setting(case)
+    one = setting(case, both and case[2] != OBSTACLE)
     residual, _, _ = one.at(one.u)
     check_difference(one)
     if one.theta == 0.0 and one.mode != OBSTACLE:

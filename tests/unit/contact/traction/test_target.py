@@ -10,9 +10,10 @@ from pcontact.contact.pair import contact_pair
 from pcontact.contact.surface.sides import source_surface, target_surface
 from pcontact.material.elastic import lame
 from pcontact.runtime.petsc import MPI
-from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Output, Scene, Temperature
+from pcontact.scene.model import Contact
+from tests.support.exchanged import displacement, scene
 from tests.support.laws import LAWS
-from tests.support.pairs import STEPS, bodies, by_key, check_taylor, motion
+from tests.support.pairs import STEPS, bodies, check_taylor, motion
 from tests.support.patch import blocks, solve
 from tests.support.small import DIMENSION, SELF, bend, blocks_file, dense_item, elastic_solid, make_space, vector_of
 
@@ -128,40 +129,6 @@ def test_tangent_of_curved_cells_of_second_order(tmp_path):
 
 
 # -- whole scenes ----------------------------------------
-
-
-def scene(path, dim, ratio, swapped=False, own=(), **contact):
-    """Two blocks, the upper one ``ratio`` times as stiff; its top bears a pressure that varies. Bodies have what their
-    materials say besides, ``own``, and what expands is heated."""
-    sides = ("lower_top", "upper_bottom") if swapped else ("upper_bottom", "lower_top")
-    unit, free = min(1.0, ratio), ["free"] * (dim - 1)
-    load = [0.0] * (dim - 1) + [f"{-1e-3 * unit}*(1 + 0.5*cos(pi*x))"]
-    supports = [Displacement("lower_bottom", [0.0] * dim), Displacement("left", [0.0, *free]),
-                Displacement("right", [0.0, *free])]  # fmt: skip
-    if dim == 3:
-        supports += [Displacement(side, ["free", 0.0, "free"]) for side in ("front", "back")]
-    own = own or ({}, {})
-    hot = [Temperature(value="0.01*x", region=name) for name, said in zip(("lower", "upper"), own, strict=True) if
-           "expansion" in said]  # fmt: skip
-    return Scene(
-        title="exchanged",
-        mesh=MeshSpec(path),
-        materials={"soft": Material(E=1.0, nu=0.3, **own[0]), "other": Material(E=ratio, nu=0.3, **own[1])},
-        bodies=[Body("lower", "soft"), Body("upper", "other")],
-        contacts=[Contact(*sides, name="c", cut=True, **contact)],
-        displacements=supports,
-        loads=[Load("upper_top", traction=load)],
-        temperatures=hot,
-        output=Output(fields=False),
-        petsc={"snes_rtol": "1e-11", "ksp_rtol": "1e-12"},
-    )
-
-
-def displacement(simulation):
-    """Of all nodes in the order of the file, iterations of the largest load step. *Collective.*"""
-    space = simulation.problem.space
-    owned = space.local.gather(simulation.stepper.u)[space.owned_local]
-    return by_key(space, owned), len(simulation.newton.norms) - 1
 
 
 @pytest.mark.parallel
