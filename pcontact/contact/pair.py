@@ -401,7 +401,7 @@ class ContactPair(Item):
         slopes, status = self.terms.slopes(p, values, view)
         new = self._couples(status > OPEN) & ~rows.coupled
         if self.space.comm.allreduce(bool(new.any()), op=MPI.LOR):
-            rows.renew(p, rows.coupled | new, self.method.theta != 0.0)
+            rows.renew(p, rows.coupled | new, self.terms.wide(p), self.method.theta != 0.0)
         if self.status is not None:
             self.flips.append(int(np.sum(status != self.status)))
         self.status, blocks = status, rows.blocks()
