@@ -11,6 +11,7 @@ import re
 import traceback
 import weakref
 from contextlib import contextmanager
+from functools import cache
 
 import numpy as np
 
@@ -442,22 +443,24 @@ def unknown_options(names):
     library = _library() if names else None
     if library is None:
         return {}
-
-    def known(name):
-        parts = name.split("_")
-        for k in range(len(parts)):
-            rest = "_".join(parts[k:])
-            text = f"-{rest}".encode()
-            # one word alone is the end of many names
-            if (k == 0 or "_" in rest) and library.find(text + b"\0") >= 0:
-                return True
-            if "_" in rest and rest[-1].isdigit() and library.find(text.rstrip(b"0123456789")) >= 0:
-                return True
-        return False
-
-    strange = [name for name in names if not known(name)]
+    strange = [name for name in names if not _is_text_of_petsc(name)]
     there = {found.decode() for found in re.findall(rb"-([a-z][a-z0-9_]{3,})\0", library)} if strange else ()
     return {name: next(iter(difflib.get_close_matches(name, there, 1)), None) for name in strange}
+
+
+@cache
+def _is_text_of_petsc(name):
+    """Whether the name of an option is a text in PETSc's library, which is megabytes to look through."""
+    library, parts = _library(), name.split("_")
+    for k in range(len(parts)):
+        rest = "_".join(parts[k:])
+        text = f"-{rest}".encode()
+        # one word alone is the end of many names
+        if (k == 0 or "_" in rest) and library.find(text + b"\0") >= 0:
+            return True
+        if "_" in rest and rest[-1].isdigit() and library.find(text.rstrip(b"0123456789")) >= 0:
+            return True
+    return False
 
 
 def option_used(name):
