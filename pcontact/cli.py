@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pcontact.adapt.target import wanted
+from pcontact.adapt.passes import wanted
 from pcontact.contact.surface.smooth_geometry import SMOOTH, WRONG, facet_pressure
 from pcontact.doctor import examine
 from pcontact.io.costs import cost_forecast
@@ -163,7 +163,7 @@ def reach(scene, directory, machine):
     Parameters
     ----------
     scene : pcontact.scene.model.Scene
-        Of :func:`pcontact.adapt.target.wanted`.
+        Of :func:`pcontact.adapt.passes.wanted`.
     directory : str or pathlib.Path
     machine : bool
         Whether the run speaks in lines of JSON.

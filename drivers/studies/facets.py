@@ -22,7 +22,7 @@ from meshes.shells import shells
 from pcontact import build
 from pcontact.adapt import facets
 from pcontact.adapt.secondary import FINER_SEE, solved
-from pcontact.estimate import pressures
+from pcontact.estimate import goal
 from pcontact.mesh.refinement.refine import Balance, refine
 from pcontact.runtime.errors import StepFailure
 from pcontact.runtime.options import Options
@@ -78,8 +78,8 @@ def left_of(first, scene, exact, pressure, halvings):
 
 def change_of_pressure(first, run, name):
     """Distance of the pressures of two runs on one mesh in L2. *Collective.*"""
-    own = (pressures.named(one.problem, name, one.stepper.u) for one in (first, run))
-    return pressures.apart(first.comm, *own)
+    own = (goal.named(one.problem, name, one.stepper.u) for one in (first, run))
+    return goal.apart(first.comm, *own)
 
 
 def measure(title, scene, exact, pressure, halvings):

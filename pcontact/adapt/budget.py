@@ -6,8 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact.adapt.mark import Contributions, next_cuts
-from pcontact.adapt.passes import memory_each
-from pcontact.adapt.target import free_memory
+from pcontact.adapt.passes import free_memory, memory_each
 from pcontact.runtime import profile
 from pcontact.runtime.petsc import MPI
 

@@ -61,7 +61,7 @@ class Loop:
     Parameters
     ----------
     scene : pcontact.scene.model.Scene
-        Of :func:`pcontact.adapt.target.wanted`.
+        Of :func:`pcontact.adapt.passes.wanted`.
     comm : MPI.Comm
     said : str
         Where the user gives options, for messages.

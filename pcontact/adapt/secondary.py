@@ -21,7 +21,7 @@ from pcontact.adapt.facets import at_places, bent, outer_surface, rounded, smoot
 from pcontact.adapt.history import Beginning
 from pcontact.adapt.passes import said_of
 from pcontact.adapt.settings import PARTNER_RTOL, THIRD
-from pcontact.estimate import pressures
+from pcontact.estimate import goal
 from pcontact.estimate.goal import value
 from pcontact.mesh.refinement.refine import HALVED, Balance
 from pcontact.mesh.refinement.split import split
@@ -106,7 +106,7 @@ class Answer(NamedTuple):
         Displacement at its end [length].
     value : float or None
         Of the quantity, where there is one.
-    pressure : list of pcontact.estimate.pressures.SourcePressure or None
+    pressure : list of pcontact.estimate.goal.SourcePressure or None
         Where it is that of a contact.
     """
 
@@ -120,7 +120,7 @@ class Answer(NamedTuple):
         """That of a simulation, and the record of its last load step. *Collective.*"""
         u = run.stepper.u
         own = None if target.quantity == "energy" else value(run.problem, target, record, u)
-        pressure = pressures.named(run.problem, target.name, u) if target.quantity == "pressure" else None
+        pressure = goal.named(run.problem, target.name, u) if target.quantity == "pressure" else None
         return cls(run.stepper.number, u.getArray(readonly=True).copy(), own, pressure)
 
 
@@ -156,14 +156,14 @@ def change_to(simulation, other, target, record, one=None):
         change = u.copy()
         change.setArray(u.getArray(readonly=True) - other.u)
         return simulation.error_estimate.norm(change)
-    own = pressures.named(problem, target.name, u)
-    distance = pressures.apart(simulation.comm, own, other.pressure)
+    own = goal.named(problem, target.name, u)
+    distance = goal.apart(simulation.comm, own, other.pressure)
     if np.isfinite(distance):
         return distance
     # where the points of the contact are others, the contact of the simulation has both displacements
     moved = u.copy()
     moved.setArray(other.u)
-    return pressures.apart(simulation.comm, own, pressures.named(problem, target.name, moved))
+    return goal.apart(simulation.comm, own, goal.named(problem, target.name, moved))
 
 
 def beyond(simulation, values):

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from pcontact.adapt.loop import Loop
-from pcontact.adapt.target import wanted
+from pcontact.adapt.passes import wanted
 from pcontact.api.fields import Fields
 from pcontact.api.results import Run
 from pcontact.api.scenes import from_dict, read

@@ -10,7 +10,7 @@ from pcontact.element.shape import shape
 from pcontact.estimate.facets import facet_rule
 from pcontact.estimate.interiors import Tables, Volume
 from pcontact.estimate.local import stiffnesses
-from pcontact.estimate.parts import NEUMANN
+from pcontact.estimate.points import NEUMANN
 from pcontact.estimate.stress import BlockStress, turned
 from pcontact.estimate.toward import NUMBER, held, inside, rule, side_rule, sides
 
@@ -23,7 +23,7 @@ class AroundVertices:
     problem : pcontact.solve.problem.Problem
     pairs : pcontact.estimate.facets.FacetPairs
     springs : pcontact.estimate.springs.Springs
-    held : pcontact.estimate.held.Held
+    held : pcontact.estimate.interiors.Held
     interiors : pcontact.estimate.interiors.Interiors
     kinds : list of ndarray (nc, nf, 2) of int
         See :class:`pcontact.estimate.residuals.FacetResiduals`.

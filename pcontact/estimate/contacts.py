@@ -8,8 +8,7 @@ from pcontact.contact.traction.small import FacetPoints, traction_rows
 from pcontact.element.dilatation import factors
 from pcontact.element.shape import shape, shape_gradient
 from pcontact.estimate.bubbles import bubbles
-from pcontact.estimate.parts import CONTACT
-from pcontact.estimate.points import add_at
+from pcontact.estimate.points import CONTACT, add_at
 from pcontact.estimate.residuals import parts_of, tests_of
 from pcontact.estimate.tractions import on_source, on_target
 from pcontact.material.elastic import isotropic

@@ -33,18 +33,16 @@ from pcontact.estimate.around import AroundVertices
 from pcontact.estimate.bubbles import number_of
 from pcontact.estimate.contacts import ContactResiduals
 from pcontact.estimate.facets import FacetPairs
-from pcontact.estimate.held import Held
-from pcontact.estimate.interiors import Interiors
+from pcontact.estimate.interiors import Held, Interiors
 from pcontact.estimate.loads import Given
 from pcontact.estimate.local import energies, products, stiffnesses
-from pcontact.estimate.parts import INTERIOR, PARTS
+from pcontact.estimate.points import INTERIOR, PARTS
 from pcontact.estimate.residuals import FacetResiduals, stiffness
 from pcontact.estimate.singular import SingularPoints
 from pcontact.estimate.springs import Springs
-from pcontact.estimate.stress import BlockStress
+from pcontact.estimate.stress import BlockStress, softening
 from pcontact.estimate.together import Together
 from pcontact.estimate.tractions import Cells
-from pcontact.estimate.yielding import softening
 from pcontact.runtime.petsc import MPI
 from pcontact.space.space import ROOM, Kept
 

@@ -141,7 +141,7 @@ def _add_mean(functions, c, shared, weight, out):
 
 @njit
 def _soften(functions, c, softening, out):
-    """Take away from the stiffness (n, n) of cell c what yielding does, see `pcontact.estimate.yielding`."""
+    """Take away from the stiffness (n, n) of cell c what yielding does, see `pcontact.estimate.stress`."""
     grad, jxw, moduli = functions.grad, functions.jxw, softening.moduli
     m, nb, d = moduli.shape[0], grad.shape[2], grad.shape[3]
     operator, pulled = np.zeros((m, nb, d)), np.zeros((m, nb * d))
@@ -293,7 +293,7 @@ def energies(functions, moduli, softening, bound, loads, fixed, out):
     ----------
     functions : LocalFunctions
     moduli : Moduli
-    softening : pcontact.estimate.yielding.Softening
+    softening : pcontact.estimate.stress.Softening
     bound : Bound
     loads : ndarray (nc, n_parts, nb, d)
         Residual of each kind, tested [force].

@@ -1,11 +1,16 @@
-"""What is summed over the nodes of cells at their points: small products, of which numpy takes each by itself."""
+"""What is summed over the nodes of cells at their points: small products, of which numpy takes each by itself.
+
+Kinds of residuals, see `pcontact.estimate.estimator`.
+"""
 
 from typing import NamedTuple
 
 import numpy as np
 
-from pcontact.estimate.parts import INTERIOR, JUMPS
 from pcontact.runtime.jit import njit
+
+PARTS = ("interior", "jumps", "neumann", "contact", "friction")
+INTERIOR, JUMPS, NEUMANN, CONTACT, FRICTION = range(len(PARTS))
 
 
 class Sides(NamedTuple):
@@ -133,7 +138,7 @@ def add_at(rows, part, values, out):
     rows : ndarray (n,) of int
         Cells of the points.
     part : int
-        Of the residual, see `pcontact.estimate.parts`.
+        Of the residual, see `pcontact.estimate.points`.
     values : ndarray (n, nb, d)
     out : ndarray (nc, n_parts, nb, d)
         Changed.

@@ -9,7 +9,7 @@ with the outward normals N and areas dA of the bodies as they are given, as the 
 those of surfaces that have moved: where one body is stretched along the surface more than the other, or where round
 surfaces are pressed flat, a force acts on another area of the target than of the source, and not along their normals.
 A disk that rests on a block had stresses of up to 3 % beside its pressures, on any mesh. The partners themselves tell
-the areas, see `pcontact.estimate.areas`.
+the areas, see `pcontact.estimate.tractions`.
 """
 
 from typing import NamedTuple
@@ -19,9 +19,8 @@ import numpy as np
 from pcontact.contact.surface.sides import diameters
 from pcontact.element.reference import facet_area_vectors, facet_nodes
 from pcontact.element.shape import shape, shape_gradient
-from pcontact.estimate.areas import areas
 from pcontact.estimate.goal import GoalError
-from pcontact.estimate.tractions import bring, source_points
+from pcontact.estimate.tractions import areas, bring, source_points
 from pcontact.runtime.petsc import MPI
 
 # [-] Sizes of the target's facets over those of the source, with which a pressure's error counts for both alike. From:

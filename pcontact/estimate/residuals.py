@@ -11,8 +11,16 @@ from pcontact.estimate.bubbles import bubbles
 from pcontact.estimate.facets import facet_rule
 from pcontact.estimate.interiors import chunks
 from pcontact.estimate.loads import force_density
-from pcontact.estimate.parts import CONTACT, FRICTION, JUMPS, NEUMANN
-from pcontact.estimate.points import Sides, of_nodes_on_normals, on_normals, weigh_facets
+from pcontact.estimate.points import (
+    CONTACT,
+    FRICTION,
+    JUMPS,
+    NEUMANN,
+    Sides,
+    of_nodes_on_normals,
+    on_normals,
+    weigh_facets,
+)
 from pcontact.estimate.recovery import Recovery
 from pcontact.estimate.stress import BlockStress
 from pcontact.estimate.tractions import source_facets
@@ -54,7 +62,7 @@ class FacetResiduals:
     Attributes
     ----------
     kinds : list of ndarray (nc, nf, 2) of int
-        For each block, whose residual (normal, tangential) a facet's is, of `pcontact.estimate.parts`.
+        For each block, whose residual (normal, tangential) a facet's is, of `pcontact.estimate.points`.
     recovery : pcontact.estimate.recovery.Recovery
 
     Notes

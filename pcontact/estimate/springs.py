@@ -13,7 +13,7 @@ from pcontact.element.shape import shape
 from pcontact.estimate.bubbles import bubbles
 from pcontact.estimate.facets import facet_rule
 from pcontact.estimate.local import Bound
-from pcontact.estimate.parts import NEUMANN
+from pcontact.estimate.points import NEUMANN
 from pcontact.estimate.stress import own_nodes
 from pcontact.estimate.toward import side_rule, sides
 

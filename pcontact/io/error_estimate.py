@@ -8,7 +8,7 @@ from pcontact.estimate.closing import rules
 from pcontact.estimate.estimator import Estimator
 from pcontact.estimate.loads import applied, held, missing
 from pcontact.estimate.pressure_error import pressure_error
-from pcontact.estimate.yielding import Retained, mean_flow
+from pcontact.estimate.stress import Retained, mean_flow
 from pcontact.runtime.observer import Observer
 from pcontact.runtime.petsc import MPI, PETSc
 
@@ -60,7 +60,7 @@ class ErrorEstimate(Observer):
         Estimate of every cell of each block after the last step [sqrt(energy)].
     squares : ndarray (n_cells,)
         Squared estimates of the cells of this rank from all steps so far, block after block [energy]: the largest ones;
-        where bodies yield, see :class:`pcontact.estimate.yielding.Retained`.
+        where bodies yield, see :class:`pcontact.estimate.stress.Retained`.
     last : dict or None
         What was added to the record of the last step.
 

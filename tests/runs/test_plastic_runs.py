@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from meshes.blocks import one_block
-from pcontact.estimate.yielding import mean_flow
+from pcontact.estimate.stress import mean_flow
 from pcontact.runtime.observer import Observer
 from pcontact.runtime.petsc import MPI, PETSc
 from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Obstacle, Output, Scene, Steps

@@ -21,8 +21,8 @@ from pcontact.estimate.facets import FacetPairs
 from pcontact.estimate.goal import contact_force, transposed, value
 from pcontact.estimate.goal import probe as goal_of_probe
 from pcontact.estimate.local import Bound, LocalFunctions, Moduli, energies, products
+from pcontact.estimate.stress import Softening
 from pcontact.estimate.tractions import Cells
-from pcontact.estimate.yielding import Softening
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Output, Scene

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pcontact.estimate.local import Bound, LocalFunctions, Moduli, energies, products
-from pcontact.estimate.yielding import Softening
+from pcontact.estimate.stress import Softening
 from tests.support.small import elasticity
 
 # places of Mandel components

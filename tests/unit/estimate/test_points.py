@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
-from pcontact.estimate.parts import INTERIOR, JUMPS, PARTS
 from pcontact.estimate.points import (
+    INTERIOR,
+    JUMPS,
+    PARTS,
     Sides,
     add_at,
     add_work,

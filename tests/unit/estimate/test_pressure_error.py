@@ -7,7 +7,7 @@ import pytest
 
 from meshes import two_blocks
 from pcontact.adapt.history import Watch
-from pcontact.estimate.areas import stretched
+from pcontact.estimate.tractions import stretched
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Output, Scene, Steps

@@ -3,7 +3,7 @@
 import pytest
 
 from pcontact.adapt.loop import Loop
-from pcontact.adapt.target import wanted
+from pcontact.adapt.passes import wanted
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.options import Options
 from pcontact.runtime.petsc import own_options

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from drivers.cases import thick_cylinder
-from pcontact.estimate.yielding import softening
+from pcontact.estimate.stress import softening
 from pcontact.simulation import Simulation
 
 

@@ -1,4 +1,0 @@
-"""Kinds of residuals, see `pcontact.estimate.estimator`."""
-
-PARTS = ("interior", "jumps", "neumann", "contact", "friction")
-INTERIOR, JUMPS, NEUMANN, CONTACT, FRICTION = range(len(PARTS))
