@@ -1,7 +1,4 @@
-"""What is known of a pass, the table of all of them, and what follows from them.
-
-The error that a run is to reach, from the scene and from what the user says beside it.
-"""
+"""The error that a run is to reach, what is known of its passes, and what follows from them for reports."""
 
 from dataclasses import dataclass, field, replace
 

@@ -234,7 +234,7 @@ class Estimator:
         holding : (list, list) of pcontact.estimate.loads.Spread
             What holds groups that move on average, of both displacements.
         rules : dict, optional
-            Of pairs, by which `z` has been found, see :func:`pcontact.estimate.closing.rules`.
+            Of pairs, by which `z` has been found, see :func:`pcontact.estimate.goal.rules`.
 
         Returns
         -------

@@ -1,6 +1,6 @@
 """The interiors of cells: their geometry at the points of local problems, and what they add to residuals.
 
-What supports hold of the displacements that the estimate tests with.
+Supports hold components of the displacements that the estimate tests with, see :class:`Held`.
 """
 
 from functools import partial

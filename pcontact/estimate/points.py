@@ -1,6 +1,6 @@
 """What is summed over the nodes of cells at their points: small products, of which numpy takes each by itself.
 
-Kinds of residuals, see `pcontact.estimate.estimator`.
+`PARTS` are the kinds of residuals, see `pcontact.estimate.estimator`.
 """
 
 from typing import NamedTuple

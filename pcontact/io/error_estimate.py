@@ -4,8 +4,8 @@ import numpy as np
 
 from pcontact.assembly.item import LAW
 from pcontact.estimate import goal
-from pcontact.estimate.closing import rules
 from pcontact.estimate.estimator import Estimator
+from pcontact.estimate.goal import rules
 from pcontact.estimate.loads import applied, held, missing
 from pcontact.estimate.pressure_error import pressure_error
 from pcontact.estimate.stress import Retained, mean_flow

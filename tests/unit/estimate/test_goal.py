@@ -16,9 +16,8 @@ from pcontact.adapt.history import Watch
 from pcontact.contact.law import OPEN, SLIP, STICK
 from pcontact.element.shape import shape, shape_gradient
 from pcontact.estimate import contacts, goal, together
-from pcontact.estimate.closing import closing
 from pcontact.estimate.facets import FacetPairs
-from pcontact.estimate.goal import contact_force, transposed, value
+from pcontact.estimate.goal import closing, contact_force, transposed, value
 from pcontact.estimate.goal import probe as goal_of_probe
 from pcontact.estimate.local import Bound, LocalFunctions, Moduli, energies, products
 from pcontact.estimate.stress import Softening
