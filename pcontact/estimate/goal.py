@@ -19,8 +19,9 @@ these forces on z_h.
 
 each in its own direction d, or one component of it.
 
-The pressure of a contact has its values at the points of its sources, a norm in L2, and a distance to another one: that the norms of two pressures hardly differ says little of how far they are apart: what waves along a contact leaves
-the norm as it is.
+The pressure of a contact has its values at the points of its sources, a norm in L2, and a distance to another one: that
+the norms of two pressures hardly differ says little of how far they are apart: what waves along a contact leaves the
+norm as it is.
 
 The active set of the dual problem is which points of contact count as closed in it.
 
@@ -33,11 +34,11 @@ mean misses
 of the error of its quantity, [[z]] being the jump of the dual displacement along the normal. Where H = 1 the jump falls
 with the mesh. Where H = 0 nothing keeps it small, and between both the dual displacement has kinks, which the cells do
 not follow. So points that are open count as closed where the bodies are pressed on each other around them: where the
-source's stress averaged at the nodes is pressure, and not much less than what opens the point. Gaps between the
-facets of two meshes open such points. With the averaged normal traction in the place of tau H_mean is
-tau / (tau - tau_h) there. In space that is not done: on coarse meshes the averaged stress is pressure far beyond the
-edge of what is closed. The support of a roller that is pushed across a block, 11,319 unknowns: estimated with 0.01 %
-so, where 1.4 % are true.
+source's stress averaged at the nodes is pressure, and not much less than what opens the point. Gaps between the facets
+of two meshes open such points. With the averaged normal traction in the place of tau H_mean is tau / (tau - tau_h)
+there. In space that is not done: on coarse meshes the averaged stress is pressure far beyond the edge of what is
+closed. The support of a roller that is pushed across a block, 11,319 unknowns: estimated with 0.01 % so, where 1.4 %
+are true.
 """
 
 from typing import NamedTuple

@@ -1,8 +1,9 @@
 """Stress at any points of cells: of the elastic displacement, and of cells that have yielded.
 
-Local problems are softer in cells that have yielded. Where a point yields, a small change of the stress goes with a large one of the strain. The error of the displacement is
-that of the whole history of flow, not that of one load step: the moduli are those that bring a virgin point to the
-strain of now in one step (deformation theory), secant moduli, sigma_dev = 2 mu_s eps_dev with
+Local problems are softer in cells that have yielded. Where a point yields, a small change of the stress goes with a
+large one of the strain. The error of the displacement is that of the whole history of flow, not that of one load step:
+the moduli are those that bring a virgin point to the strain of now in one step (deformation theory), secant moduli,
+sigma_dev = 2 mu_s eps_dev with
 
     mu_s / mu = 1 - |eps_p| / |eps_dev|
 

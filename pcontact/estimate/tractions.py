@@ -1,9 +1,9 @@
 """Contact tractions as forces at points of cells: on the source where they are integrated, and on the target.
 
-Areas that forces of contact act on are those of the bodies as they are given, as the strains are small ones, but partners are those of surfaces that
-have moved: where one body is stretched along the surface more than the other, or where round surfaces are pressed flat,
-a force acts on another area of the target than of the source. The partners themselves tell it: on a facet of the source
-their places are taken as a linear function of those of its points.
+Areas that forces of contact act on are those of the bodies as they are given, as the strains are small ones, but
+partners are those of surfaces that have moved: where one body is stretched along the surface more than the other, or
+where round surfaces are pressed flat, a force acts on another area of the target than of the source. The partners
+themselves tell it: on a facet of the source their places are taken as a linear function of those of its points.
 """
 
 from dataclasses import dataclass
