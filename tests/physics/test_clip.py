@@ -67,7 +67,7 @@ def test_load_steps_too_long_for_the_snap(shared_tmp, through):
     simulation = Simulation(scene, SELF)
     try:
         assert simulation.run(None, [observer]) == (through is not None)
-        taken = None if through is None else simulation.problem.snap.taken.carried
+        taken = None if through is None else simulation.problem.features.snap.taken.carried
     finally:
         simulation.close()
     result = clip.measure(observer.rows)

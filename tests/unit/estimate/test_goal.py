@@ -179,7 +179,7 @@ def test_what_contact_exerts_on_a_dual_displacement_is_its_transposed_tangent(tm
     assert simulation.run(None, [], keep=True)
     problem, u, (contact,) = simulation.problem, simulation.stepper.u, simulation.problem.contacts
     space, rng = problem.space, np.random.default_rng(7)
-    assert set(np.unique(contact.pairs[0].committed)) == {OPEN, STICK, SLIP}
+    assert set(np.unique(contact.pairs[0].history.committed)) == {OPEN, STICK, SLIP}
     z, w, zero = space.vector(), rng.normal(size=(space.n_owned, 2)), space.vector()
     z.setArray(rng.normal(size=2 * space.n_owned))
     for name, own in (("tests_of", _shapes), ("bubbles", lambda *some: (shape(*some), shape_gradient(*some)))):
