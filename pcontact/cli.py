@@ -19,7 +19,8 @@ from pcontact.io.examples import lay_out, write_example, write_template
 from pcontact.io.modes import write_modes
 from pcontact.io.report import JsonLines, PassLines, read_steps, summary
 from pcontact.io.report_schema import report_schema
-from pcontact.mesh.hdf5 import convert, mesh_sizes
+from pcontact.mesh.distribute import write_plex
+from pcontact.mesh.hdf5 import convert, mesh_sizes, write
 from pcontact.mesh.mesh import size_of
 from pcontact.runtime import log, process
 from pcontact.runtime.declared import COMMAND_LINE, CONVERT, DEMO, JSON, MODES, NEW, WARM, read_all
@@ -305,8 +306,10 @@ def convert_mesh(path, options):
     name = next((name for name in ("order", "mesh_order") if name in options), "order")
     order = replace(CONVERT["order"], name=name).read(options.get(name, "1"))
 
+    petsc = CONVERT["petsc"].read(options.get("petsc", "false"))
+
     def work():
-        target, raw = convert(path, options.get("o"), order)
+        target, raw = convert(path, options.get("o"), order, write_plex if petsc else write)
         return target, mesh_sizes(raw)
 
     target, sizes = on_root(MPI.COMM_WORLD, work) or (None, None)

@@ -13,8 +13,9 @@ from pcontact.mesh.slices import bits, fetch, has_bit, means, nodes_of, places, 
 from pcontact.mesh.topology import cell_name, components
 from pcontact.runtime import profile
 from pcontact.runtime.errors import InputError
+from pcontact.runtime.files import written_aside
 from pcontact.runtime.parallel import Exchanger, agree, on_root, together
-from pcontact.runtime.petsc import MPI
+from pcontact.runtime.petsc import MPI, PETSc, has_package
 
 
 def _kinds(piece):
@@ -312,6 +313,34 @@ def load_plain(comm, raw):
         return full, curved, components(full)
 
     return deal(whole(comm, *(on_root(comm, prepare) or (None,) * 3)))
+
+
+def write_plex(target, raw, order=1):
+    """Write a mesh that has been read as PETSc's HDF5 viewer writes a DMPlex, and return it. Serial.
+
+    Parameters
+    ----------
+    target : pathlib.Path
+    raw : pcontact.mesh.raw.RawMesh
+    order : int
+        As of :func:`pcontact.mesh.hdf5.convert`.
+
+    Raises
+    ------
+    InputError
+        The mesh has degree 2, or this PETSc has no HDF5.
+    OutputError
+    """
+    if order == 2 or any(block.degree == 2 for block in raw.blocks):
+        raise InputError(f"{raw.path}: found cells of degree 2; allowed: degree 1 in a file of PETSc")
+    if not has_package("hdf5"):
+        raise InputError("command line: -petsc: found a PETSc without HDF5; allowed: one that was built with it")
+    mesh = load_plain(MPI.COMM_SELF, raw)
+    with written_aside(target, "-o") as part:
+        viewer = PETSc.ViewerHDF5().create(str(part), "w", comm=MPI.COMM_SELF)
+        mesh.dm.view(viewer)
+        viewer.destroy()
+    return raw
 
 
 def load_mesh(comm, path, order, regions, pairs, check, dealing=(WEIGHT, "bisection"), serendipity=False):

@@ -114,7 +114,7 @@ def mesh_sizes(raw):
     return f"{len(raw.points)} nodes, {kinds}, degree {raw.blocks[0].degree}, {groups} groups"
 
 
-def convert(path, target=None, order=1):
+def convert(path, target=None, order=1, writer=None):
     """Read a mesh, check it, and write it as HDF5.
 
     Parameters
@@ -124,6 +124,8 @@ def convert(path, target=None, order=1):
         Beside the mesh if absent.
     order : int
         2: cells are completed to degree 2, for a displacement of that degree.
+    writer : callable, optional
+        Absent: :func:`write`.
 
     Returns
     -------
@@ -143,7 +145,7 @@ def convert(path, target=None, order=1):
         raise InputError(f"{path}: found a file that ends with {SUFFIX}; allowed: the mesh that it was made from")
     raw = read_mesh(path)
     say_lost(path, raw.lost)
-    return target, write(target, raw, order)
+    return target, (writer or write)(target, raw, order)
 
 
 def write(target, raw, order=1, curved=None):

@@ -315,6 +315,7 @@ CONVERT = listed(
         "o", text("a file"), 'to be named in the scene: [mesh] file = "FILE.h5"', otherwise="beside MESH",
         value="FILE.h5",
     ),
+    Option("petsc", BOOLEAN, "write what PETSc loads, a DMPlex with the groups as labels, of degree 1", False),
 )  # fmt: skip
 MODES = listed(Option("count", integer(1, 1000), "how many modes", 10))
 IMPORT = listed(

@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
+from pcontact.cli import convert_mesh
 from pcontact.mesh.distribute import load_mesh
 from pcontact.mesh.plex import read_plex
+from pcontact.mesh.read import read_mesh
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import MPI, PETSc
 from tests.support.small import blocks_file
@@ -101,6 +103,28 @@ def test_a_file_of_gmsh_that_petsc_reads(shared_tmp, distribute, regions):
     else:
         assert len([name for name in tables.cell_groups if name.startswith("volume_")]) == 2
         assert n in [count for name, count in counts.items() if name.startswith("surface_")]
+
+
+@pytest.mark.parametrize("cell", ["triangle", "quadrilateral", "mixed"])
+def test_what_convert_writes_for_petsc(tmp_path, cell):
+    """PETSc loads it, with labels; the program reads the groups of the first file; degree 2 is refused."""
+    path, target = tmp_path / "blocks.msh", tmp_path / "blocks.h5"
+    blocks_file(path, "hexahedron" if cell == "mixed" else cell, 3, 2)
+    if cell == "mixed":
+        cut_mesh(path, path, ("hexahedron", "wedge", "pyramid"), split="upper_top")
+    convert_mesh(str(path), {"o": str(target), "petsc": "true"})
+    dm = PETSc.DMPlex().createFromFile(str(target), comm=MPI.COMM_SELF)
+    raw, again = read_mesh(path), read_mesh(target)
+    start, end = dm.getHeightStratum(0)
+    assert end - start == again.offsets[-1] == raw.offsets[-1] and len(again.points) == len(raw.points)
+    assert {"lower", "upper", "upper_bottom"} <= {dm.getLabelName(k) for k in range(dm.getNumLabels())}
+    for name in ("lower", "upper"):
+        assert len(again.cell_groups[name]) == len(raw.cell_groups[name])
+    for name, (cells, _) in raw.facet_groups.items():
+        assert len(again.facet_groups[name][0]) == len(cells)
+    with pytest.raises(InputError, match="found cells of degree 2; allowed: degree 1"):
+        convert_mesh(str(path), {"o": str(tmp_path / "other.h5"), "petsc": "true", "order": "2"})
+    assert not (tmp_path / "other.h5").exists()
 
 
 @parallel
