@@ -272,7 +272,7 @@ def test_numbers_are_no_expressions(mesh, monkeypatch):
     """Loads that are numbers parse nothing and are integrated once, without averages over their groups."""
     case = scene(mesh)
     case.loads = [Load("upper_left", pressure=0.01), Load("upper", body_force=[0.0, 0.01, 0.0])]
-    for name in ("scene.prescribed.Expression", "build.TimedLoad", "build.TotalLoad"):
+    for name in ("scene.functions.Expression", "build.TimedLoad", "build.TotalLoad"):
         monkeypatch.setattr(f"pcontact.{name}", _missing("expressions", name))
     counters(case)
     case.loads[0].pressure = "0.01*t"
