@@ -12,7 +12,6 @@ from pcontact.adapt.effectivity import (
     UNSEEN,
     YIELDING,
     Effectivity,
-    Parts,
     State,
     between,
     fallen,
@@ -54,18 +53,6 @@ def test_load_steps_that_change_as_much_as_meshes():
     assert _between(0.0) == pytest.approx(0.5 * np.sqrt(1.0 - ALIKE**2))
     assert _between(0.6) == pytest.approx(_between(0.0) / 0.8)
     assert _between(0.8) is None
-
-
-def test_pairs_whose_estimate_has_not_fallen_count_until_one_has():
-    """A coarse mesh that has not seen a contact says nothing of the finer ones; what fallen estimates tell stays."""
-    parts = Parts()
-    assert parts.least == 1.0 and not parts.known
-    blind = parts.with_pair(0.25, False)
-    assert blind.least == 0.25
-    known = blind.with_pair(0.9, True).with_pair(0.95, True)
-    assert known.least == 0.9
-    assert known.with_pair(0.3, False).least == 0.3
-    assert known.with_pair(0.3, False).with_pair(1.0, True).least == 0.9
 
 
 def test_what_is_left_of_a_quantity():
@@ -123,3 +110,9 @@ def test_the_part_is_that_of_meshes_once_two_have_been_compared(plastic):
     simulation.error_estimate.over_steps = 0.6
     part, known = seen.part(simulation, watch, 0.0)
     assert part == pytest.approx(0.8) and known[:2] == SEEN
+    # one whose estimate has not fallen counts until the next one
+    part, known = seen.part(simulation, watch, 0.0)
+    assert part == pytest.approx(0.36) and known[:2] == SEEN
+    # as long as load steps may have changed as much as the mesh, what was seen before counts
+    simulation.error_estimate.over_steps = 0.1
+    assert seen.part(simulation, watch, 0.9)[0] == pytest.approx(0.36)
