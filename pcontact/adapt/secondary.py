@@ -209,7 +209,7 @@ class Told(NamedTuple):
         Parts of the error, relative: by what brings them about, or all together as `ALL`.
     toward : float
         What finer settings change in a number, relative, with its sign.
-    unknowns, steps : int
+    unknowns, steps, degree : int
         Of the pass.
     """
 
@@ -217,11 +217,12 @@ class Told(NamedTuple):
     toward: float
     unknowns: int
     steps: int
+    degree: int
 
     @classmethod
     def by(cls, done, parts, toward=0.0):
         """By a pass."""
-        return cls(parts, toward, done.unknowns, done.steps)
+        return cls(parts, toward, done.unknowns, done.steps, done.degree)
 
 
 class Secondary:
@@ -255,7 +256,7 @@ class Secondary:
         """
         begun, told, self._finer = clock.perf_counter(), self._told, None
         large = told is not None and sum(self._now(told, done).values()) > THIRD * self._settings.goal
-        if told is None or large or done.unknowns > COARSER * told.unknowns:
+        if told is None or large or done.degree != told.degree or done.unknowns > COARSER * told.unknowns:
             told = self._told = self._measured(simulation, watch, done, size)
         if self._facets is None:
             self._facets = self._of_facets(simulation, watch, done, size)
