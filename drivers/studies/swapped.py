@@ -1,13 +1,15 @@
 """Which surface is the source: errors of the pressure both ways round, over ratios of stiffness and of facets.
 
-    python drivers/studies/swapped.py -o DIR [--ratios 1e-6 1e-3 1 1e3 1e6] [--publish docs/tables/swapped.md]
+    python drivers/studies/swapped.py -o DIR [--ratios 1e-6 1e-3 1 1e3 1e6] [--strains small finite]
+        [--publish docs/tables/swapped.md]
 
 Two blocks in full contact, the upper one 0.3 high, bear a pressure that varies and, with friction, stick and slip, in
 plane strain; the pressure of the points is compared in L2 with that of meshes of 96 facets on both sides. Concentric
 rings, the outer one is called upper, bear a pressure from outside (straight facets of degree 1, curved ones of degree
-2, the gap between the circles is said to be 0); the pressure is compared with Lame's. Columns say which side is the
-source, with the traction of both sides and with that of the source alone, and what the program chooses of `surfaces`.
-What does not converge is a dash.
+2, the gap between the circles is said to be 0); the pressure is compared with Lame's. Blocks with finite strain bear
+ten times the pressure, of degree 1 and ratios up to 1e3. Columns say which side is the source, with the traction of
+both sides and with that of the source alone, and what the program chooses of `surfaces`. What does not converge is a
+dash.
 """
 
 from itertools import product
@@ -68,12 +70,12 @@ def ring_scene(path, order, ratio, friction, way):
     )
 
 
-def scene(path, order, ratio, friction, way):
+def scene(path, order, ratio, friction, way, strain="small"):
     """The blocks, the upper one `ratio` times as stiff."""
-    unit = 1e-3 * min(1.0, ratio)
+    unit = (1e-2 if strain == "finite" else 1e-3) * min(1.0, ratio)
     return Scene(
         title="exchanged surfaces",
-        mesh=MeshSpec(path, order=order),
+        mesh=MeshSpec(path, order=order, strain=strain),
         materials={"lower": Material(E=1.0, nu=0.3), "upper": Material(E=ratio, nu=0.3)},
         bodies=[Body("lower", "lower"), Body("upper", "upper")],
         contacts=[contact(BLOCKS, way, friction)],
@@ -109,32 +111,49 @@ def shown(row):
     return [row["scene"], row["degree"], f"{row['ratio']:g}", f"{row['friction']:g}", row["facets"], *cells]
 
 
+def block_rows(args, directory, order, strain, ratios):
+    """Rows of the blocks."""
+    said = {"heights": (1.0, 0.3), "order": order}
+    facets = FACETS if strain == "small" else {name: FACETS[name] for name in ("2:1", "1:2")}
+    paths = {
+        name: make_mesh(two_blocks, directory / f"{name.replace(':', '_')}_{order}.msh", 2, lower, upper, **said)
+        for name, (upper, lower) in list(facets.items())[: 2 if args.tiny else None]
+    }
+    fine = 24 if args.tiny else FINE
+    reference, rows = make_mesh(two_blocks, directory / f"fine_{order}.msh", 2, fine, fine, **said), []
+    scene_name = "blocks" if strain == "small" else "blocks, finite strain"
+    for ratio, friction in product(ratios, (0.0, 0.5)):
+        known = solved(scene(reference, order, ratio, friction, "upper", strain))
+        for name, path in paths.items():
+            row = {"scene": scene_name, "degree": order, "ratio": ratio, "friction": friction, "facets": name}
+            row |= {way: error(solved(scene(path, order, ratio, friction, way, strain)), known) for way in WAYS}
+            rows.append(row)
+    return rows
+
+
+def ring_rows(directory, order, ratios):
+    """Rows of the rings."""
+    rows = []
+    for name, mismatch in {"8:13": 13 / 8, "8:5": 5 / 8}.items():
+        path = make_mesh(rings, directory / f"rings_{order}_{name[2:]}.msh", n=8, mismatch=mismatch, order=order)
+        for ratio, friction in product(ratios, (0.0, 0.5)):
+            p = ring_pressure(ratio, 1e-3 * min(1.0, ratio))
+            known = np.array([-1.0, 2.0]), np.array([p, p])
+            row = {"scene": "rings", "degree": order, "ratio": ratio, "friction": friction, "facets": name}
+            row |= {way: error(solved(ring_scene(path, order, ratio, friction, way)), known) for way in WAYS}
+            rows.append(row)
+    return rows
+
+
 def run(args):
     """The study, on one rank."""
-    directory, rows = make_directory(args.o), []
-    for order in (1,) if args.tiny else (1, 2):
-        paths = {
-            name: make_mesh(two_blocks, directory / f"{name.replace(':', '_')}_{order}.msh", 2, lower, upper,
-                            heights=(1.0, 0.3), order=order)
-            for name, (upper, lower) in (list(FACETS.items())[:2] if args.tiny else FACETS.items())
-        }  # fmt: skip
-        fine = 24 if args.tiny else FINE
-        known = {"heights": (1.0, 0.3), "order": order}
-        reference = make_mesh(two_blocks, directory / f"fine_{order}.msh", 2, fine, fine, **known)
-        for ratio, friction in product([1e3] if args.tiny else args.ratios, (0.0, 0.5)):
-            known = solved(scene(reference, order, ratio, friction, "upper"))
-            for facets, path in paths.items():
-                row = {"scene": "blocks", "degree": order, "ratio": ratio, "friction": friction, "facets": facets}
-                row |= {way: error(solved(scene(path, order, ratio, friction, way)), known) for way in WAYS}
-                rows.append(row)
-        for name, mismatch in {"8:13": 13 / 8, "8:5": 5 / 8}.items():
-            path = make_mesh(rings, directory / f"rings_{order}_{name[2:]}.msh", n=8, mismatch=mismatch, order=order)
-            for ratio, friction in product([1e3] if args.tiny else args.ratios, (0.0, 0.5)):
-                p = ring_pressure(ratio, 1e-3 * min(1.0, ratio))
-                known = np.array([-1.0, 2.0]), np.array([p, p])
-                row = {"scene": "rings", "degree": order, "ratio": ratio, "friction": friction, "facets": name}
-                row |= {way: error(solved(ring_scene(path, order, ratio, friction, way)), known) for way in WAYS}
-                rows.append(row)
+    directory, rows, orders = make_directory(args.o), [], (1,) if args.tiny else (1, 2)
+    ratios = [1e3] if args.tiny else args.ratios
+    for order in orders if "small" in args.strains else ():
+        rows += block_rows(args, directory, order, "small", ratios)
+        rows += ring_rows(directory, order, ratios)
+    if "finite" in args.strains:
+        rows += block_rows(args, directory, 1, "finite", [ratio for ratio in ratios if 1e-3 <= ratio <= 1e3])
     print_table("error of the pressure in L2, % (Newton iterations)", HEAD, [shown(row) for row in rows])
     write_json(directory / "swapped.json", rows)
     if args.publish and MPI.COMM_WORLD.rank == 0:
@@ -151,5 +170,6 @@ def run(args):
 if __name__ == "__main__":
     parser = make_parser(__doc__, "swapped")
     parser.add_argument("--ratios", type=float, nargs="+", default=[1e-6, 1e-3, 1.0, 1e3, 1e6])
+    parser.add_argument("--strains", nargs="+", default=["small", "finite"], choices=["small", "finite"])
     parser.add_argument("--publish", help="write the table of the docs here")
     main(run, parser)
