@@ -548,7 +548,9 @@ def _flight(draw, d, degree, order):
 
 def _flies(draw, scene, d, end):
     """The velocity of the body that hits the other one, with some spin."""
-    speed = draw.uniform("speed", 1.5, 4.0) * draw.drawn["gap"] / end
+    # what damping takes up does not keep it from getting there
+    slowed = 1.0 + end * scene["bodies"][-1].get("mass_damping", 0.0)
+    speed = draw.uniform("speed", 1.5, 4.0) * draw.drawn["gap"] / end * slowed
     velocity = [*[0.0] * (d - 1), -speed]
     if scene["mesh"].get("kinematics") != "axisymmetric":
         along, spin = speed * draw.uniform("along", -0.5, 0.5), 0.5 * speed * draw.one("spin", [0.0, 1.0, -1.0])

@@ -118,10 +118,33 @@ def pressed(tmp_path_factory):
     plan = {"dim": 2, "arrangement": "stack", "bodies": 2, "floor": False, "kind0": "pair", "kind1": "pair",
             "gap1": "none", "drive": "pressed", "strain": "small", "phased": False, "springs": False, "bolt": False,
             "weight": False, "heated": False, "side": False, "pair1.adjust": False,
-            "kinematics": "plane_strain"}  # fmt: skip
+            "kinematics": "plane_strain", "inertia": False}  # fmt: skip
     case = scene_of(20007, plan)
     fuzz.write_case(place / "case", case)
     return case, run_jobs([job_of(place / "case", TIGHT)], 1, place)[0]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["momentum", "energy"])
+def test_what_is_wrong_with_a_motion_is_seen(tmp_path, kind):
+    """A force that is not there, and energy that is missing, of a block that flies at an obstacle."""
+    plan = {"dim": 2, "inertia": True, "flight": True, "bodies": 1, "strain": "small", "heated": False,
+            "low.yields": False, "low.is rubber": False, "inertia.auto": False, "bulge": 0.0,
+            "floor.shape": "plane"}  # fmt: skip
+    case = scene_of(20007, plan)
+    fuzz.write_case(tmp_path / "case", case)
+    result = run_jobs([job_of(tmp_path / "case", TIGHT)], 1, tmp_path)[0]
+    assert checks.check(case, result) == []
+
+    def change(row):
+        force = row["record"]["contacts"]["floor"]["force"]
+        if kind == "momentum":
+            force[:] = [0.5 * one for one in force]
+        else:
+            row["record"]["energy"]["defect"] = 1e-6
+
+    assert any(np.any(row["record"]["contacts"]["floor"]["force"]) for row in result["steps"])
+    assert kind in {found for found, _ in checks.check(case, _changed(result, change))}
 
 
 @pytest.mark.slow
