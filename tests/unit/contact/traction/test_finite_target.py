@@ -98,6 +98,23 @@ def test_tangent_is_the_derivative(stacked, laws, theta, friction, search):
         check_difference(item, 0.8 * first + 0.2 * second)
 
 
+def test_no_part_beside_corners(tmp_path):
+    """A target that goes around the upper corner of the lower block: its facets there say nothing."""
+    path = blocks_file(tmp_path / "b.msh", "quadrilateral", [4, 4], [4, 1], offset=0.2)
+    space = make_space(SELF, path, ["lower", "upper"])
+    groups = space.mesh.facet_groups
+    parts, corner = {}, {}
+    for around in (False, True):
+        if around:
+            groups["lower_top"] = [*groups["lower_top"], *groups["lower_right"]]
+        item, _ = pair(space, search="ray_tracing", theta=0.0, gamma0=1.0)
+        item.detect(space.vector(), 1.0)
+        parts[around] = item.terms.wide(item.pairing)
+        corner[around] = item.pairing.paired & (item.source.x[:, 0] > 0.75)
+    assert corner[True].any() and parts[False][corner[True]].any() and not parts[True][corner[True]].any()
+    np.testing.assert_array_equal(parts[True][~corner[True]], parts[False][~corner[True]])
+
+
 @pytest.mark.parametrize("swapped", [False, True])
 @pytest.mark.parametrize("search", ["closest_point", "ray_tracing"])
 @pytest.mark.parametrize("theta", [0.0, -1.0])
