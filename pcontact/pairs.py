@@ -6,7 +6,7 @@ import numpy as np
 
 from pcontact.contact.finite_pair import finite_pair
 from pcontact.contact.formulation.methods import coercive, contacts_of_halves, halved, is_unbiased, parameter
-from pcontact.contact.law import ADDED, contact_law
+from pcontact.contact.law import ADDED, contact_law, sticks_by_shear
 from pcontact.contact.motion import components_of as components_at
 from pcontact.contact.pair import NOTHING_MORE, Setting, contact_pair
 from pcontact.contact.report import ContactReport
@@ -468,19 +468,12 @@ def _rigid(scene, space, number):
 def _points(space, bulk, contact):
     """The source of a contact, whatever else acts on it. *Collective.*"""
     constants, laws = bulk.constants, bulk.orthotropic
-    return source_surface(space, contact.source, constants, contact.quadrature, laws, _sticks(contact))
-
-
-def _sticks(contact):
-    """Whether points stick by what the bodies say, see `pcontact.contact.formulation.methods`."""
-    said = contact.alpha is not None or contact.stick_stiffness is not None
-    # the adjoint term weighs tangential misfits with 1 / alpha, which cells that yield do not bear
-    return contact_law(contact).tangential and not said and contact.theta == 0.0
+    return source_surface(space, contact.source, constants, contact.quadrature, laws, sticks_by_shear(contact))
 
 
 def _source(scene, space, bulk, supports, contact, known):
     """The source of a contact; obstacles around the same bodies share one, by what it depends on. *Collective.*"""
-    key = contact.all, contact.source, contact.quadrature, contact_law(contact).tangential, _sticks(contact)
+    key = contact.all, contact.source, contact.quadrature, contact_law(contact).tangential, sticks_by_shear(contact)
     if contact.obstacle is not None and key in known:
         return known[key]
     source = _points(space, bulk, contact)

@@ -330,6 +330,13 @@ def contact_law(contact):
     return next(law for law in (make(contact) for make in LAWS.values()) if law is not None)
 
 
+def sticks_by_shear(contact):
+    """Whether points stick by what the bodies on both sides say, see `pcontact.contact.formulation.methods`."""
+    said = contact.alpha is not None or contact.stick_stiffness is not None
+    # the adjoint term weighs tangential misfits with 1 / alpha, which cells that yield do not bear
+    return contact_law(contact).tangential and not said and contact.theta == 0.0
+
+
 @njit_inner
 def project(rho, slope, bilateral, normal, tau, traction, derivative):
     """Traction that the law makes of an augmented traction, and its generalised derivative.

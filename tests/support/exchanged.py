@@ -4,7 +4,7 @@ from pcontact.scene.model import Body, Contact, Displacement, Load, Material, Me
 from tests.support.pairs import by_key
 
 
-def scene(path, dim, ratio, swapped=False, own=(), strain="small", load=1e-3, **contact):
+def scene(path, dim, ratio, swapped=False, own=(), strain="small", load=1e-3, nu=(0.3, 0.3), **contact):
     """Two blocks, the upper one ``ratio`` times as stiff; its top bears a pressure that varies about a load.
     Bodies have what their materials say besides, ``own``, and what expands is heated."""
     sides = ("lower_top", "upper_bottom") if swapped else ("upper_bottom", "lower_top")
@@ -20,7 +20,7 @@ def scene(path, dim, ratio, swapped=False, own=(), strain="small", load=1e-3, **
     return Scene(
         title="exchanged",
         mesh=MeshSpec(path, strain=strain),
-        materials={"soft": Material(E=1.0, nu=0.3, **own[0]), "other": Material(E=ratio, nu=0.3, **own[1])},
+        materials={"soft": Material(1.0, nu[0], **own[0]), "other": Material(ratio, nu[1], **own[1])},
         bodies=[Body("lower", "soft"), Body("upper", "other")],
         contacts=[Contact(*sides, name="c", cut=True, **contact)],
         displacements=supports,

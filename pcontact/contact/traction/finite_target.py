@@ -18,6 +18,7 @@ import numpy as np
 
 from pcontact.contact.formulation.finite_geometry import area_ratios, point_work
 from pcontact.contact.formulation.finite_kernels import Sides, Slopes
+from pcontact.contact.law import sticks_by_shear
 from pcontact.contact.points import SourcePoints
 from pcontact.contact.surface.smooth_geometry import beside_corners
 from pcontact.contact.traction.finite import FiniteTraction
@@ -298,6 +299,5 @@ def finite_traction(space, bulk, contact, source, alpha):
     if not is_two_sided(space, bulk, contact):
         return FiniteTraction(space, bulk, source, contact.source)
     reach = np.inf if contact.tied else NEAR
-    sticks = contact.alpha is None and contact.stick_stiffness is None and contact.theta == 0.0
-    target = FiniteTarget(space, bulk, contact.target, sticks, reach)
+    target = FiniteTarget(space, bulk, contact.target, sticks_by_shear(contact), reach)
     return WeightedFiniteTraction(space, bulk, source, contact.source, (target, alpha))

@@ -32,6 +32,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact.contact.formulation.finite_geometry import ASKEW
+from pcontact.contact.law import sticks_by_shear
 from pcontact.contact.points import Excess
 from pcontact.contact.search.nearest import EDGE
 from pcontact.contact.surface.sides import at_places, source_surface
@@ -447,5 +448,5 @@ def source_traction(space, bulk, contact, source, theta):
     own = Traction(source)
     if is_two_sided(space, bulk, contact):
         reach = np.inf if contact.tied else NEAR
-        own = WeightedTraction(source, TargetTraction(space, bulk, contact.target, contact.alpha is None, reach))
+        own = WeightedTraction(source, TargetTraction(space, bulk, contact.target, sticks_by_shear(contact), reach))
     return own.of_materials(space, bulk, contact.source, theta, contact.adjoint == "consistent")

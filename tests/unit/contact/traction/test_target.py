@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pcontact.contact.formulation.small import SmallTerms
+from pcontact.contact.law import sticks_by_shear
 from pcontact.contact.pair import contact_pair
 from pcontact.contact.surface.sides import source_surface, target_surface
 from pcontact.material.elastic import lame
@@ -24,7 +25,7 @@ SOFT, STIFF = lame(10.0, 0.45), lame(70.0, 0.2)
 def pair(space, contact, radius=1.0):
     """Item of a contact between a soft and a stiff body whose first search is done by the caller."""
     constants = [SOFT, STIFF]
-    source = source_surface(space, contact.source, constants, contact.quadrature, sticks=contact.alpha is None)
+    source = source_surface(space, contact.source, constants, contact.quadrature, sticks=sticks_by_shear(contact))
     target = target_surface(space, contact.target)
     return contact_pair(space, contact, source, target, radius, bulk=elastic_solid(space, constants))
 
@@ -72,14 +73,14 @@ def test_weights_areas_and_traction(tmp_path, cell, search, friction):
     some = p.paired & (p.operator.width > source.shape.shape[1])
     assert np.count_nonzero(some) > 0.5 * len(some)
     own, other = (stress(one, moduli) for one, moduli in zip(both[::-1], (STIFF, SOFT), strict=True))
-    l1, l2 = source.trace[source.facet], source_surface(space, "lower_top", [SOFT, STIFF], sticks=True).trace[0]
+    l1, l2 = source.trace[source.facet], source_surface(space, "lower_top", [SOFT, STIFF], sticks=friction).trace[0]
     w1 = np.where(some, ratio * l2 / (l1 + ratio * l2), 1.0)
     known = w1[:, None] * (source.normal @ own) - ((1.0 - w1) * ratio)[:, None] * (other @ up)
     gamma = np.where(some, ratio * l1 * l2 / (l1 + ratio * l2), l1) * item.method.gamma0
     if cell != "triangle" and cell != "tetrahedron":
         # cells on the ends of a simplicial mesh have other constants
         np.testing.assert_allclose(item.method.gamma, gamma, rtol=1e-9)
-        shear = 4.0 * SOFT[1] / (SOFT[0] + 2.0 * SOFT[1])
+        shear = 4.0 * SOFT[1] / (SOFT[0] + 2.0 * SOFT[1]) if friction else 1.0
         part = (w1**2 * l1 + (1.0 - w1) ** 2 * ratio * l2 * np.where(some, shear, 0.0)) / (gamma / item.method.gamma0)
         np.testing.assert_allclose(item.method.alpha, part, rtol=1e-9)
         found = item.terms._evaluate(p, p.exchange.gather(u), p.every)[0]
@@ -139,6 +140,7 @@ def test_exchanged_surfaces_are_one_problem(shared_tmp, cell, ratio, friction, t
     """Flat surfaces, facets cut where the other side's end: the same displacement whichever is the source."""
     path = blocks(shared_tmp, cell, *((3, 2) if cell == "hexahedron" else (7, 4)), heights=(1.0, 0.3))
     said = {"theta": theta, "friction": friction, "search": "ray_tracing", "gamma0": 2.0 if theta == 1.0 else 1.0}
+    said["nu"] = (0.45, 0.2)
     found = [solve(scene(path, DIMENSION[cell], ratio, swapped, **said), displacement)[0] for swapped in (False, True)]
     assert np.abs(found[0] - found[1]).max() < 1e-8 * np.abs(found[0]).max()
 
