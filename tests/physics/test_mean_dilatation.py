@@ -412,7 +412,7 @@ def test_bodies_that_may_yield(tmp_path):
 ])  # fmt: skip
 def test_simplices_of_degree_1_are_refused(tmp_path, monkeypatch, cell, nu, order, kinematics, refused):
     said = []
-    monkeypatch.setattr("pcontact.scene.validate.log.warning", lambda text, *args: said.append(text % args))
+    monkeypatch.setattr("pcontact.runtime.log.warning", lambda text, *args: said.append(text % args))
     scene = block(tmp_path, cell, nu, order, kinematics=kinematics)
     if refused:
         with pytest.raises(InputError, match=r"materials.m.nu: found 0.46 in .*locking.*order = 2.*allow_unsafe lock"):

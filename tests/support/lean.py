@@ -92,7 +92,7 @@ FEATURES = {
     "turning": ["space.turn:Turn.__init__"],
     "groups by place": ["mesh.by_place"],
     "slip": ["contact.history:SlipPath.__init__"],
-    "error estimate": ["estimate.estimator", "estimate.local", "estimate.recovery", "io.error_estimate"],
+    "error estimate": ["estimate.estimator", "estimate.local", "io.error_estimate"],
     "energy": ["stepping.energy"],
     "fields": ["io.fields", "io.vtu"],
     "smooth fields": ["io.snapshot:NodeMeans.__init__"],
