@@ -369,6 +369,20 @@ def forget_pattern(ksp):
     ksp.getPC().setOperators(None, None)
 
 
+# what marks a communicator whose PETSc has one of its own for good
+_KEPT = MPI.Comm.Create_keyval()
+
+
+def keep_communicator(comm):
+    """Keep the communicator that PETSc has of its own for one as long as that is there. *Collective.*
+
+    PETSc gives it up with the last object on it, of which ranks let go at different times, above all after an exception.
+    To make it anew is collective: a rank that has to would wait for ever for those that still have theirs.
+    """
+    if comm.Get_attr(_KEPT) is None:
+        comm.Set_attr(_KEPT, PETSc.Comm(comm).duplicate())
+
+
 def free_garbage(comm):
     """Destroy PETSc's objects that Python has let go of. *Collective.*
 
@@ -382,6 +396,7 @@ def free_garbage(comm):
     aside (in 3.18 on one rank, too), and without this call the memory is never given back. Objects of one rank alone,
     such as the local parts of exchanges, are put aside elsewhere.
     """
+    keep_communicator(comm)
     if hasattr(PETSc, "garbage_cleanup"):
         PETSc.garbage_cleanup(comm)
         PETSc.garbage_cleanup(MPI.COMM_SELF)

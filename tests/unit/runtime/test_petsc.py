@@ -13,6 +13,7 @@ from pcontact.runtime.petsc import (
     forget_pattern,
     graph_of_blocks,
     graph_of_long_rows,
+    keep_communicator,
     known_types,
     own_options,
 )
@@ -146,3 +147,24 @@ def test_types_that_there_are():
     """Names are looked up, as a type whose accelerator is missing cannot be made."""
     assert known_types(PETSc.Mat, ("aij", "nonsense", "baij", "sell")) == ["aij", "baij", "sell"]
     assert known_types(PETSc.Vec, ("standard", "nonsense")) == ["standard"]
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("keeps", [True, False])
+def test_the_communicator_of_petsc_outlives_its_objects(keeps):
+    """Else the ranks would have to make it anew together, though they let go of the last object at different times."""
+    comm, mark = COMM.Dup(), MPI.Comm.Create_keyval()
+    if keeps:
+        keep_communicator(comm)
+
+    def inner():
+        vector = PETSc.Vec().createMPI(comm.size, comm=comm)
+        own = vector.getComm().tompi4py()
+        before = own.Get_attr(mark)
+        own.Set_attr(mark, True)
+        vector.destroy()
+        return before
+
+    assert [inner() for _ in range(3)] == [None, keeps or None, keeps or None]
+    comm.Free()
+    MPI.Comm.Free_keyval(mark)
