@@ -369,18 +369,19 @@ def forget_pattern(ksp):
     ksp.getPC().setOperators(None, None)
 
 
-# what marks a communicator whose PETSc has one of its own for good
-_KEPT = MPI.Comm.Create_keyval()
+# what marks a communicator whose PETSc has one of its own for good, and these
+_KEPT, _KEPT_INSIDE = MPI.Comm.Create_keyval(), []
 
 
 def keep_communicator(comm):
-    """Keep the communicator that PETSc has of its own for one as long as that is there. *Collective.*
+    """Keep the communicator that PETSc has of its own for one. *Collective.*
 
-    PETSc gives it up with the last object on it, of which ranks let go at different times, above all after an exception.
-    To make it anew is collective: a rank that has to would wait for ever for those that still have theirs.
+    PETSc gives it up with the last object on it, of which ranks let go at different times, above all after an
+    exception. To make it anew is collective: a rank that has to would wait for ever for those that still have theirs.
     """
     if comm.Get_attr(_KEPT) is None:
-        comm.Set_attr(_KEPT, PETSc.Comm(comm).duplicate())
+        comm.Set_attr(_KEPT, True)
+        _KEPT_INSIDE.append(PETSc.Comm(comm).duplicate())
 
 
 def free_garbage(comm):
