@@ -3,7 +3,7 @@
 from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Output, Scene, Steps
 
 # what asks for the law of a contact, and what contact without friction has, too
-ASKED = ("contact_law", "Frictionless", "View", "_tresca", "_coulomb")
+ASKED = ("contact_law", "sticks_by_shear", "Frictionless", "View", "_tresca", "_coulomb")
 # of each piece modules, or "module:name" for one class or function of a module, or a method of a class of it; names in
 # its modules that other physics uses, too, or that ask whether a scene has the piece
 PIECES = {
