@@ -37,8 +37,7 @@ BISECTION, GRAPH = ("bisection", "bisection, cells alone"), ("graph", "graph wit
 def _piece(path):
     """A mesh on this rank alone, as one body."""
     raw = read_mesh(path)
-    n_cells = sum(len(block.nodes) for block in raw.blocks)
-    return whole(MPI.COMM_SELF, raw, False, np.zeros(n_cells, dtype=np.int64), components(raw))
+    return whole(MPI.COMM_SELF, raw, False, components(raw))
 
 
 def _figures(piece, facets, parts, count):
