@@ -861,11 +861,10 @@ def _assemble(scene, space, span, more, stabilises):
     items += [] if release is None else [release]
     viscous = None if eta is None else ViscousStabilisation(space, eta, bulk)
     items += [] if viscous is None else [viscous]
+    stabilised = set(free)
     if not held and any(item.changes for item in items):
         # one linear solve has to be exact
-        stabilised = set(free) | _drawn(space, sections)
-    else:
-        stabilised = set(free)
+        stabilised |= _drawn(space, sections)
     if release is not None:
         release.absolute = supports.absolute[space.owned_local]
     # modes of their own cost a set-up that grows with their square; only bodies that nothing holds are worth it
