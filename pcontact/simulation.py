@@ -19,7 +19,7 @@ from pcontact.io.checkpoint import ANYWAY, Checkpoint, Identity, checkpoint_time
 from pcontact.io.costs import CostReport, Counters
 from pcontact.io.error_estimate import ErrorEstimate, label
 from pcontact.io.names import STATUS, forces_of
-from pcontact.io.observers import FacetErrors, Fields, OpenContacts, Records, SmallStrain, Terminal
+from pcontact.io.observers import ContactErrors, Fields, OpenContacts, Records, SmallStrain, Terminal
 from pcontact.io.snapshot import Snapshot
 from pcontact.mesh.mesh import bounding_box
 from pcontact.mesh.plex import view
@@ -380,7 +380,7 @@ class Simulation:
         if writer is not None:
             writer.snapshot = self.snapshot
         # the report has the warnings of those before it
-        watch = [FacetErrors(self.problem.contacts), *lasting.warners, estimate, self.snapshot, writer, self.records,
+        watch = [ContactErrors(self.problem.contacts), *lasting.warners, estimate, self.snapshot, writer, self.records,
                  checkpoint, *lasting.last]  # fmt: skip
         self._watch = [one for one in watch if one is not None]
         low, high = bounding_box(self.comm, space.mesh.points)

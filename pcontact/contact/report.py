@@ -307,6 +307,8 @@ class ContactReport:
             ]
             self.overlap = comm.allreduce(float(max(parts)), op=MPI.MAX)
         summary = {**summarise(joined, self.flips, self.lost, comm), **errors}
+        if self.method.has_traction and not (self.law.tied or self.contact.pressure_overclosure):
+            summary["unresolved"] = self._unresolved(joined)
         own = sum(len(np.unique(pair.source.facet[rows])) for pair, rows in zip(self.pairs, closed, strict=True))
         # a mean of two sides
         if self.contact.surfaces is not None:
@@ -327,6 +329,19 @@ class ContactReport:
         if self.rigid and self.pairs[0].search.target.has_moment:
             summary["moment"] = self._moment(u, states[0]).tolist()
         return {**summary, "bodies": self._on_bodies(u)} if self._between_all() else summary
+
+    def _unresolved(self, state):
+        """Part of the pressure that the stress of the cells does not have [1], from a state of all points.
+        *Collective.*
+
+        Points that are closed have p = -t_n - gamma g: a cell that contact covers in part has the mean pressure of its
+        facet, and bodies enter each other by what is missing.
+        """
+        closed = (state["status"] > OPEN) * state["weight"]
+        entered, pressed = self.space.comm.allreduce(
+            np.array([(closed * self.gamma) @ state["gap"], closed @ np.abs(state["pressure"])]), op=MPI.SUM
+        )
+        return float(abs(entered) / pressed) if pressed > 0.0 else 0.0
 
     def _resultants(self, u, joined):
         """See :func:`resultants`, of the deformed bodies. *Collective.*

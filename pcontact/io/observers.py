@@ -18,6 +18,9 @@ from pcontact.runtime.process import last_words
 ENOUGH = 0.02
 # Residuals that the bar shows. From: chosen, the width of a terminal.
 SHOWN = 6
+# [-] Part of the contact pressure that the stress of the cells may lack without a word. From: what is left where a disk
+# touches on as much as a facet of the coarser side, over 112 disks on blocks.
+UNRESOLVED = 0.25
 # [-] So many times the error of the first word is worth another one at the end of the run. From: chosen.
 MUCH = 2.0
 # [-] report.json is written anew when the run has so many times the load steps that it has had then: what is written of
@@ -86,8 +89,9 @@ class Terminal(Observer):
         self._progress.close()
 
 
-class FacetErrors(Observer):
-    """Warns, at the end of the run, of pairs whose straight facets put the pressure wrong.
+class ContactErrors(Observer):
+    """Warns, at the end of the run, of pairs whose straight facets put the pressure wrong, or whose cells are too large
+    for it.
 
     Parameters
     ----------
@@ -100,14 +104,21 @@ class FacetErrors(Observer):
     def step(self, step, u, record):
         """Keep the step with the largest pressure of each pair: under a small one any gap is large."""
         for name, pair in record["contacts"].items():
-            pressure, *_ = self._worst.get(name, (0.0,))
-            if pair.get("facet_error", 0.0) > 0.0 and pair["max_pressure"] > pressure:
-                self._worst[name] = pair["max_pressure"], pair["facet_error"], step.time
+            if pair["max_pressure"] > self._worst.get(name, (0.0,))[0]:
+                errors = (pair.get(key, 0.0) for key in ("facet_error", "unresolved"))
+                self._worst[name] = pair["max_pressure"], *errors, step.time
 
     def end(self, converged):
         """Warn. *Collective.*"""
         for contact in self._contacts:
-            _, error, time = self._worst.get(contact.name, (0.0, 0.0, 0.0))
+            _, error, unresolved, time = self._worst.get(contact.name, (0.0, 0.0, 0.0, 0.0))
+            if unresolved > UNRESOLVED:
+                log.warning(
+                    "contact %s: the stress of the cells has %.0f %% of the contact pressure only (time %g): bodies "
+                    "touch on about a facet or less, or stiff cells take the shape of soft ones; pressures are wrong, "
+                    "and bodies enter each other by what is missing; remedy: smaller cells where they touch",
+                    contact.name, 100.0 * max(1.0 - unresolved, 0.0), time,
+                )  # fmt: skip
             if error > WRONG:
                 _, gap = facet_pressure(contact.pairs)
                 log.warning(

@@ -90,6 +90,7 @@ _CONTACT = table(
     passed=count("that are inside their partner and were open when partners were found [-]"),
     left=count("that were closed and have left their partner [-]"),
     facet_error=number("part by which straight facets put the pressure wrong, about [-]"),
+    unresolved=number("part of the contact pressure that the stress of the cells does not have [-]"),
     bodies=listed(
         table("", ("number", "body", "force"), number=count("of the body, from 0 [-]"), body=text("its region"),
               force=vector("of all others on it [force]")),

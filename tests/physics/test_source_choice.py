@@ -86,3 +86,39 @@ def test_a_stiff_source_is_warned_of(shared_tmp, more, count):
         )
         _, said = run(scene)
         assert WORLD.rank != 0 or len(said) == expected
+
+
+def pressed(path, source, target, strain="small"):
+    """A small block that is pressed down by 1e-4 of its width upon a large one, frictionless, of the same stiffness."""
+    return Scene(
+        mesh=MeshSpec(path, strain=strain),
+        materials={"same": Material(1.0, 0.3)},
+        bodies=[Body("lower", "same"), Body("upper", "same")],
+        contacts=[Contact(source, target, name="pair")],
+        displacements=[Displacement("lower_bottom", [0.0, 0.0]), Displacement("upper_top", [0.0, -2e-5])],
+        output=Output(fields=False),
+    )
+
+
+def unresolved_warnings():
+    """Warnings of pressures that the stress of the cells does not have."""
+    return [line for line in log.warnings() if "stress of the cells has" in line]
+
+
+@pytest.mark.parametrize("strain", ["small", "finite"])
+def test_a_block_on_less_than_a_facet(tmp_path, strain):
+    """Its force on a single cell is within a fifth of that on small ones, whichever is the source, and a warning says
+    that the cell is too large; with the stiffness of the whole cell behind it the force was 0.66 times as large."""
+    sides = "upper_bottom", "lower_top"
+    fine = two_blocks(tmp_path / "fine.msh", 2, 40, 16, widths=(1.0, 0.2), heights=(1.0, 0.2), offset=0.4)
+    single = two_blocks(tmp_path / "one.msh", 2, 1, 3, widths=(1.0, 0.2), heights=(1.0, 0.2), offset=0.4)
+    known, _ = run(pressed(fine, *sides))
+    known = known["contacts"]["pair"]
+    assert known["unresolved"] < 0.1 and not unresolved_warnings()
+    found = []
+    for way in (sides, sides[::-1]):
+        record, _ = run(pressed(single, *way, strain))
+        assert record["contacts"]["pair"]["unresolved"] > 0.25 and len(unresolved_warnings()) == 1
+        found.append(abs(record["contacts"]["pair"]["force"][1]))
+    assert found == pytest.approx([abs(known["force"][1])] * 2, rel=0.2)
+    assert found[0] == pytest.approx(found[1], rel=1e-6 if strain == "small" else 1e-4)

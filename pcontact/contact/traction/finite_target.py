@@ -18,12 +18,11 @@ import numpy as np
 
 from pcontact.contact.formulation.finite_geometry import area_ratios, point_work
 from pcontact.contact.formulation.finite_kernels import Sides, Slopes
-from pcontact.contact.law import sticks_by_shear
 from pcontact.contact.points import SourcePoints
 from pcontact.contact.surface.smooth_geometry import beside_corners
 from pcontact.contact.traction.finite import FiniteTraction
 from pcontact.contact.traction.small import LocalCells
-from pcontact.contact.traction.target import NEAR, TargetTraction, area_vectors, is_two_sided, weights
+from pcontact.contact.traction.target import TargetTraction, area_vectors, is_two_sided, source_areas, weights
 from pcontact.element.reference import facet_nodes
 from pcontact.runtime.petsc import MPI
 
@@ -85,7 +84,7 @@ class FiniteTarget(TargetTraction):
     def sides(self, found, source, nodal):
         """Partners with the other nodes of their cells, and a :class:`pcontact.contact.traction.target.Facing`.
         *Collective.*"""
-        near = self._near(found, source)
+        near, faces = self._near(found, source), source_areas(source, nodal)
         rows, d, width = np.flatnonzero(near), self._space.dim, found.nodes.shape[1]
 
         def answer(facets, columns):
@@ -93,15 +92,16 @@ class FiniteTarget(TargetTraction):
             at, slope, order = self._surface(facets, columns[:, : d - 1])
             layout, _ = self._layout(facets, order)
             nodes = np.take_along_axis(self._space.nodes[self._side.cells[facets]], layout, axis=1)
-            numbers = self._numbers(at, slope, nodal, np.ascontiguousarray(columns[:, d - 1 :]))
+            numbers = self._numbers(at, slope, nodal, np.ascontiguousarray(columns[:, d - 1 : -1]), columns[:, -1])
             return np.column_stack([numbers, nodes[:, self._widths[0] :]])
 
         self._asked = self._asked[:0]
-        said = self._ask(found.place, rows, np.column_stack([found.place[rows, 2:], found.normal[rows]]), answer)
+        columns = np.column_stack([found.place[:, 2:], found.normal, self._facing_area(found, source, faces)])
+        said = self._ask(found.place, rows, columns[rows], answer)
         numbers, nodes = np.zeros((len(near), 5)), np.repeat(found.nodes[:, :1], width + self._widths[1], axis=1)
         nodes[:, :width], numbers[rows] = found.nodes, said[:, :5]
         nodes[rows, width:] = said[:, 5:].astype(np.int64)
-        return found._replace(nodes=nodes), self._facing(found, source, near, numbers, nodal)
+        return found._replace(nodes=nodes), self._facing(found, source, near, numbers, faces)
 
     def _at(self, facets, xi):
         """The traction at points (n, d - 1) of facets (n,), one after the other, and in the place of a pairing what it
@@ -298,6 +298,5 @@ def finite_traction(space, bulk, contact, source, alpha):
     """
     if not is_two_sided(space, bulk, contact):
         return FiniteTraction(space, bulk, source, contact.source)
-    reach = np.inf if contact.tied else NEAR
-    target = FiniteTarget(space, bulk, contact.target, sticks_by_shear(contact), reach)
+    target = FiniteTarget(space, bulk, contact, source)
     return WeightedFiniteTraction(space, bulk, source, contact.source, (target, alpha))

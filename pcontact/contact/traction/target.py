@@ -20,6 +20,11 @@ it, J = (s_X |n_X . m|) / (s_Y |n_Y . m|) with the current over the undeformed a
 partner is held at an edge, or faces it so much askew that J says little, w1 = 1. A cell whose nodes are all held has no
 stress, however stiff it is: the traction is that of the other side.
 
+Where the other surface covers less than a facet, the stress of the cell is the mean of what presses on all of the
+facet, not the pressure on that part. The l of the facet is that of a cell as large as the part, l / phi in the plane
+and l / sqrt(phi) in space with the part phi of its area: the stiffness of the body against a load there, whatever its
+mesh. What is covered is that of the facets around a node, the one of the facet's nodes with most of it.
+
 What is linear in the displacement is evaluated where the points are, with the nodes of both cells. What is not (cells
 that yield, are heated, have begun later) is evaluated where the partners' cells are, from their state, with a message
 for each evaluation; its derivative by the nodes of these cells comes the same way.
@@ -32,6 +37,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact.contact.formulation.finite_geometry import ASKEW
+from pcontact.contact.formulation.methods import WEIGHT, is_unbiased
 from pcontact.contact.law import sticks_by_shear
 from pcontact.contact.points import Excess
 from pcontact.contact.search.nearest import EDGE
@@ -81,7 +87,7 @@ class Facing(NamedTuple):
     ratio : ndarray (np,)
         J.
     first, second : ndarray (np, 2)
-        Trace constants l1, l2 of the cells [stress/length], and their parts in shear.
+        Trace constants l1, l2 of the cells [stress/length] for what is covered of their facets, and parts in shear.
     """
 
     alone: np.ndarray
@@ -109,16 +115,14 @@ class TargetTraction:
     space : pcontact.space.space.Space
     bulk : pcontact.assembly.bulk.Bulk
         Has the materials.
-    name : str
-        Facet group of the target.
-    sticks : bool
-        Whether tangential tractions need a part of the trace constant only.
-    reach : float
-        Gap up to which partners have a part in the traction [facet sizes].
+    contact : pcontact.scene.model.Contact
+        With its numerics resolved.
+    source : pcontact.contact.surface.sides.SourceSurface
 
     Attributes
     ----------
     sticks : bool
+        Whether tangential tractions need a part of the trace constant only.
     is_linear : bool
         Whether it is what has rows, and nothing besides.
     symmetric : bool
@@ -127,12 +131,17 @@ class TargetTraction:
         At the partners on this rank, of the last search.
     """
 
-    def __init__(self, space, bulk, name, sticks, reach):
-        self._space, self._bulk, self._name, self.sticks, self._reach = space, bulk, name, sticks, reach
-        self._groups = space.mesh.facet_groups.get(name, [])
-        self._side = source_surface(space, name, bulk.constants, 1, bulk.orthotropic, sticks)
+    def __init__(self, space, bulk, contact, source):
+        self._space, self._bulk, self._name, self.sticks = space, bulk, contact.target, sticks_by_shear(contact)
+        # halves of unbiased contact have half the areas of their points
+        self._half = WEIGHT if is_unbiased(contact) else 1.0
+        # gap up to which partners have a part in the traction [facet sizes]
+        self._reach = np.inf if contact.tied else NEAR
+        self._groups = space.mesh.facet_groups.get(self._name, [])
+        self._side = source_surface(space, self._name, bulk.constants, 1, bulk.orthotropic, self.sticks)
         self._width = space.comm.allreduce(self._side.cells.shape[1], op=MPI.MAX)
         self._stiff = np.where(self._is_rigid(self._side.cells), np.inf, self._side.trace)
+        self._share, self._own_share = Share(space, self._name, self._side), Share(space, contact.source, source)
         self._prepare()
 
     def _prepare(self):
@@ -157,14 +166,14 @@ class TargetTraction:
 
         Parameters
         ----------
-        asked : ndarray (n, 2 d)
-            Row of the facet on this rank, reference point on it, contact normal.
+        asked : ndarray (n, 2 d + 1)
+            Row of the facet on this rank, reference point on it, contact normal, and the area of :meth:`_facing_area`.
         nodal : ndarray (n_local, d)
         m : int
             Directions in which tractions count.
         """
         side, d, n = self._side, self._space.dim, len(asked)
-        rows, xi, contact = asked[:, 0].astype(np.int64), asked[:, 1:d], np.ascontiguousarray(asked[:, d:])
+        rows, xi, contact = asked[:, 0].astype(np.int64), asked[:, 1:d], np.ascontiguousarray(asked[:, d:-1])
         at, slope, order = self._surface(rows, xi)
         self._first = order
         if self.is_linear:
@@ -176,15 +185,19 @@ class TargetTraction:
         # the nodes of the facets are the first ones
         every = np.arange(n)[:, None]
         nodes = self._space.nodes[side.cells[rows]][every, order]
-        return [nodes, out[every, order], np.column_stack([self._numbers(at, slope, nodal, contact), at.normal])]
+        numbers = self._numbers(at, slope, nodal, contact, asked[:, -1])
+        return [nodes, out[every, order], np.column_stack([numbers, at.normal])]
 
-    def _numbers(self, at, slope, nodal, contact):
+    def _numbers(self, at, slope, nodal, contact, facing):
         """Trace constant, its part in shear, area vector along the contact normal (n, d), its length, and radius, of
-        partners: (n, 5)."""
-        rows = at.facet
+        partners that all points which face this rank's facets have, with areas ``facing`` (n,): (n, 5)."""
+        rows, radius = at.facet, at.x[:, 0]
         faces = area_vectors(slope, nodal[self._side.cells[rows]], at.normal)
         along, length = np.einsum("pd,pd->p", faces, contact), np.linalg.norm(faces, axis=1)
-        return np.column_stack([self._stiff[rows], self._side.shear[rows], along, length, at.x[:, 0]])
+        covered = np.divide(facing, np.abs(along), out=np.zeros(len(rows)), where=along != 0.0)
+        covered *= radius if self._space.axisymmetric else 1.0
+        stiff = self._stiff / self._share(np.bincount(rows, covered, len(self._stiff)))
+        return np.column_stack([stiff[rows], self._side.shear[rows], along, length, radius])
 
     def _surface(self, rows, xi):
         """Points xi (n, d - 1) of facets (n,) of this rank as those of a source, gradients of the shape functions
@@ -231,15 +244,15 @@ class TargetTraction:
             out[self._order] = np.concatenate([back[rank] for rank in sorted(back)])
         return out
 
-    def ask(self, found, rows, nodal, m):
+    def ask(self, found, rows, columns, nodal, m):
         """What the partners of some points (n,) of a source say: the arrays of :meth:`_answer`, of all points (np,),
         with as many columns on all ranks; zero for the others. *Collective.*"""
         d, width, place = self._space.dim, self._width, found.place[rows]
-        sends, order = split_by_rank(place[:, 0].astype(np.int64), np.column_stack([place[:, 1:], found.normal[rows]]))
-        asked = self._space.exchanger(sends, np.float64, 2 * d)
+        sends, order = split_by_rank(place[:, 0].astype(np.int64), np.column_stack([place[:, 1:], columns]))
+        asked = self._space.exchanger(sends, np.float64, 2 * d + 1)
         self._order, self._count = rows[order], len(found.paired)
         self._asked = [(rank, len(one)) for rank, one in asked.items()]
-        answers = self._answer(np.concatenate([np.zeros((0, 2 * d)), *asked.values()]), nodal, m)
+        answers = self._answer(np.concatenate([np.zeros((0, 2 * d + 1)), *asked.values()]), nodal, m)
         n, shapes = len(answers[0]), [(width,), (width, m, d), (5 + d,)]
         wide = [np.zeros((n, *shape)) for shape in shapes]
         for whole, part in zip(wide, answers, strict=True):
@@ -292,9 +305,11 @@ class TargetTraction:
         derivative : ndarray (np, nt, m, d)
             Of t2 by displacements of these nodes [stress/length].
         """
-        near = self._near(found, source)
-        nodes, derivative, numbers = self.ask(found, np.flatnonzero(near), nodal, m)
-        facing = self._facing(found, source, near, numbers, nodal)
+        near, faces = self._near(found, source), source_areas(source, nodal)
+        rows = np.flatnonzero(near)
+        columns = np.column_stack([found.normal, self._facing_area(found, source, faces)])[rows]
+        nodes, derivative, numbers = self.ask(found, rows, columns, nodal, m)
+        facing = self._facing(found, source, near, numbers, faces)
         own, other, trace, part = weights(facing)
         nodes = nodes.astype(np.int64)
         # those that are asked nothing have their facets
@@ -308,12 +323,16 @@ class TargetTraction:
         """Points (np,) that ask their partners."""
         return found.paired & (found.gap <= self._reach * source.size[source.facet])
 
-    def _facing(self, found, source, near, numbers, nodal):
-        """A :class:`Facing` of the points of a source, of which some (np,) have asked, and been told numbers (np, 5 or
-        more) of :meth:`_numbers`."""
+    def _facing_area(self, found, source, faces):
+        """Current area (np,) of points, with area vectors (np, d), across the direction to their partners; of a ring
+        over its radius. Points whose partner is held at an edge cover nothing."""
+        area = source.jxw / self._half * np.abs(np.einsum("pd,pd->p", faces, found.normal)) * (found.held < EDGE)
+        return area / source.x[:, 0] if self._space.axisymmetric else area
+
+    def _facing(self, found, source, near, numbers, faces):
+        """A :class:`Facing` of the points of a source with area vectors (np, d), of which some (np,) have asked, and
+        been told numbers (np, 5 or more) of :meth:`_numbers`."""
         l2, shear2, along, length, radius = numbers[:, :5].T
-        slope = source.grad if source.slope is None else source.slope
-        faces = area_vectors(slope, nodal[source.cells[source.facet]], source.normal)
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = np.abs(np.einsum("pd,pd->p", faces, found.normal) / along)
             askew = ratio * length / np.linalg.norm(faces, axis=1)
@@ -321,7 +340,8 @@ class TargetTraction:
                 ratio *= radius / source.x[:, 0]
             both = near & (found.held < EDGE) & (askew <= ASKEW) & (askew >= 1.0 / ASKEW)
         alone, still = ~both | np.isinf(l2), self._is_rigid(source.cells)[source.facet]
-        first = np.column_stack([source.trace, source.shear])[source.facet]
+        share = self._own_share(np.bincount(source.facet, source.jxw * both, len(source.cells)))
+        first = np.column_stack([source.trace / share, source.shear])[source.facet]
         second = np.column_stack([np.where(alone, 1.0, l2), shear2])
         return Facing(alone, still, np.where(both, ratio, 1.0), first, second)
 
@@ -414,6 +434,35 @@ def area_vectors(slope, values, normal):
     return np.einsum("pij,pj->pi", turn, normal)
 
 
+def source_areas(source, nodal):
+    """:func:`area_vectors` (np, d) of the points of a source at displacements (n_local, d)."""
+    slope = source.grad if source.slope is None else source.slope
+    return area_vectors(slope, nodal[source.cells[source.facet]], source.normal)
+
+
+class Share:
+    """Sizes of what is covered of a surface beside those of its facets; parameters as for `source_surface`, and it."""
+
+    def __init__(self, space, name, side):
+        self._space, self._areas = space, np.bincount(side.facet, side.jxw, len(side.cells))
+        self._nodes, first = [], 0
+        for facets in space.mesh.facet_groups.get(name, []):
+            self._nodes.append((slice(first, first + len(facets.cells)), space.facet_nodes(facets)))
+            first += len(facets.cells)
+
+    def __call__(self, covered):
+        """Size over that of the facet (nf,), at most 1, where areas (nf,) of facets are covered; 1 where none are.
+        *Collective.*"""
+        around, most = np.zeros((self._space.n_local, self._space.dim)), np.zeros(len(covered))
+        for part, nodes in self._nodes:
+            np.add.at(around[:, 0], nodes, covered[part, None])
+        around = self._space.together(around)[:, 0]
+        for part, nodes in self._nodes:
+            most[part] = around[nodes].max(axis=1, initial=0.0)
+        share = np.divide(most, self._areas, out=np.ones(len(most)), where=(most > 0.0) & (most < self._areas))
+        return share ** (1.0 / (self._space.dim - 1))
+
+
 def is_two_sided(space, bulk, contact):
     """Whether the traction of a contact by Nitsche's method is the weighted one of both sides. *Collective.*
 
@@ -447,6 +496,5 @@ def source_traction(space, bulk, contact, source, theta):
     """
     own = Traction(source)
     if is_two_sided(space, bulk, contact):
-        reach = np.inf if contact.tied else NEAR
-        own = WeightedTraction(source, TargetTraction(space, bulk, contact.target, sticks_by_shear(contact), reach))
+        own = WeightedTraction(source, TargetTraction(space, bulk, contact, source))
     return own.of_materials(space, bulk, contact.source, theta, contact.adjoint == "consistent")

@@ -42,6 +42,19 @@ def stress(gradient, constants):
     return constants[0] * np.trace(strain) * np.eye(len(strain)) + 2.0 * constants[1] * strain
 
 
+def facet_nodes(side):
+    """Nodes of the facets: those whose shape functions are something there."""
+    return [set(side.cells[f][side.shape[side.facet == f].max(axis=0) > 1e-9]) for f in range(len(side.cells))]
+
+
+def sizes(side, covered):
+    """Of what is covered beside their facets (nf,), from the areas (nf,) of the facets that are: facet by facet."""
+    whole, on = np.bincount(side.facet, side.jxw, len(side.cells)), facet_nodes(side)
+    most = [max(sum(covered[g] for g in range(len(on)) if node in on[g]) for node in nodes) for nodes in on]
+    part = np.array([min(m / w, 1.0) if m > 0.0 else 1.0 for m, w in zip(most, whole, strict=True)])
+    return part ** (1.0 / (side.x.shape[1] - 1))
+
+
 def inclined(x, slope):
     """The upper block with a bottom that rises along x."""
     upper = x[:, -1] > 1.0
@@ -73,7 +86,12 @@ def test_weights_areas_and_traction(tmp_path, cell, search, friction):
     some = p.paired & (p.operator.width > source.shape.shape[1])
     assert np.count_nonzero(some) > 0.5 * len(some)
     own, other = (stress(one, moduli) for one, moduli in zip(both[::-1], (STIFF, SOFT), strict=True))
-    l1, l2 = source.trace[source.facet], source_surface(space, "lower_top", [SOFT, STIFF], sticks=friction).trace[0]
+    target = source_surface(space, "lower_top", [SOFT, STIFF], sticks=friction)
+    on, partners = facet_nodes(target), p.exchange.nodes[p.targets]
+    facet = np.array([next((f for f, nodes in enumerate(on) if nodes <= set(row)), 0) for row in partners])
+    covered = np.bincount(facet[some], (ratio * source.jxw)[some], len(on))
+    l1 = (source.trace / sizes(source, np.bincount(source.facet, source.jxw * some, len(source.cells))))[source.facet]
+    l2 = (target.trace[0] / sizes(target, covered))[facet]
     w1 = np.where(some, ratio * l2 / (l1 + ratio * l2), 1.0)
     known = w1[:, None] * (source.normal @ own) - ((1.0 - w1) * ratio)[:, None] * (other @ up)
     gamma = np.where(some, ratio * l1 * l2 / (l1 + ratio * l2), l1) * item.method.gamma0
