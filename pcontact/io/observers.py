@@ -112,13 +112,6 @@ class ContactErrors(Observer):
         """Warn. *Collective.*"""
         for contact in self._contacts:
             _, error, unresolved, time = self._worst.get(contact.name, (0.0, 0.0, 0.0, 0.0))
-            if unresolved > UNRESOLVED:
-                log.warning(
-                    "contact %s: the stress of the cells has %.0f %% of the contact pressure only (time %g): bodies "
-                    "touch on about a facet or less, or stiff cells take the shape of soft ones; pressures are wrong, "
-                    "and bodies enter each other by what is missing; remedy: smaller cells where they touch",
-                    contact.name, 100.0 * max(1.0 - unresolved, 0.0), time,
-                )  # fmt: skip
             if error > WRONG:
                 _, gap = facet_pressure(contact.pairs)
                 log.warning(
@@ -127,6 +120,13 @@ class ContactErrors(Observer):
                     "remedy: %s",
                     contact.name, gap, "100 % or more" if error > 1.0 else f"about {100.0 * error:.0f} %", time, error,
                     SMOOTH,
+                )  # fmt: skip
+            elif unresolved > UNRESOLVED:
+                log.warning(
+                    "contact %s: the stress of the cells has %.0f %% of the contact pressure only (time %g): bodies "
+                    "touch on about a facet or less, or stiff cells take the shape of soft ones; pressures are wrong, "
+                    "and bodies enter each other by what is missing; remedy: smaller cells where they touch",
+                    contact.name, 100.0 * max(1.0 - unresolved, 0.0), time,
                 )  # fmt: skip
 
 

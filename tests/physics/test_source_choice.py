@@ -122,3 +122,35 @@ def test_a_block_on_less_than_a_facet(tmp_path, strain):
         found.append(abs(record["contacts"]["pair"]["force"][1]))
     assert found == pytest.approx([abs(known["force"][1])] * 2, rel=0.2)
     assert found[0] == pytest.approx(found[1], rel=1e-6 if strain == "small" else 1e-4)
+
+
+@pytest.mark.parametrize("strain", ["small", "finite"])
+def test_contact_of_all_surfaces_between_stiff_and_soft(tmp_path, strain):
+    """A block 1000 times as stiff makes a wave of load nearly even; the stress of each source alone, in two passes,
+    oscillates by what it misses of the other side."""
+    path = two_blocks(tmp_path / "b.msh", 2, 8, 16, heights=(1.0, 0.3))
+
+    def error(traction):
+        """Of the pressure in L2."""
+        case = Scene(
+            mesh=MeshSpec(path, strain=strain),
+            materials={"lower": Material(1.0, 0.3), "upper": Material(1e3, 0.3)},
+            bodies=[Body("lower", "lower"), Body("upper", "upper")],
+            contacts=[Contact(all=True, name="all", traction=traction)],
+            displacements=[Displacement("lower_bottom", [0.0, 0.0]), Displacement("left", [0.0, "free"]),
+                           Displacement("right", [0.0, "free"])],
+            loads=[Load("upper_top", traction=[0.0, "-1e-3*(1 + 0.5*cos(2*pi*x))"])],
+            output=Output(fields=False),
+        )  # fmt: skip
+        simulation = Simulation(case)
+        try:
+            assert simulation.run()
+            state = simulation.problem.contacts[0].state(simulation.stepper.u)
+        finally:
+            simulation.close()
+        closed = state["pressure"] > 0.0
+        wrong, weight = state["pressure"][closed] / 1e-3 - 1.0, state["weight"][closed]
+        return np.sqrt(weight @ wrong**2 / weight.sum())
+
+    assert error("both") < 5e-3
+    assert error("source") > 0.05

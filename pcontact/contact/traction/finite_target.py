@@ -10,6 +10,7 @@ Weights and gamma are those of `pcontact.contact.traction.target`, with the cons
 have grown in the committed state and, in the place of J, the ratio of areas as they have stretched there, which does
 not change where bodies turn; at closed points it is J. They stay for a load step. Partners on facets beside convex
 corners of the target have no part: the stress there is singular, and says nothing of what presses on the next facet.
+They have it where points are beside a corner of the source, too.
 
 The stress of a partner's cell is evaluated where the cell is, with a message each way.
 """
@@ -34,7 +35,7 @@ STEP = 1e-4
 class FiniteTarget(TargetTraction):
     """Stress of the cells of a target at partners that move; parameters as for `TargetTraction`."""
 
-    def _prepare(self):
+    def _prepare(self, contact):
         space = self._space
         self.is_linear = self.symmetric = False
         self._behind = FiniteTraction(space, self._bulk, self._side, self._name)
@@ -51,7 +52,7 @@ class FiniteTarget(TargetTraction):
         self._counts = counts
         self._widths = [space.comm.allreduce(int(k), op=MPI.MAX) for k in counts.max(axis=0, initial=0)]
         self._asked = np.zeros(0, dtype=np.int64)
-        self._stiff[beside_corners(space, self._name)] = np.inf
+        self._beside = tuple(beside_corners(space, name) for name in (self._name, contact.source))
 
     @property
     def nodes(self):
@@ -98,9 +99,9 @@ class FiniteTarget(TargetTraction):
         self._asked = self._asked[:0]
         columns = np.column_stack([found.place[:, 2:], found.normal, self._facing_area(found, source, faces)])
         said = self._ask(found.place, rows, columns[rows], answer)
-        numbers, nodes = np.zeros((len(near), 5)), np.repeat(found.nodes[:, :1], width + self._widths[1], axis=1)
-        nodes[:, :width], numbers[rows] = found.nodes, said[:, :5]
-        nodes[rows, width:] = said[:, 5:].astype(np.int64)
+        numbers, nodes = np.zeros((len(near), 6)), np.repeat(found.nodes[:, :1], width + self._widths[1], axis=1)
+        nodes[:, :width], numbers[rows] = found.nodes, said[:, :6]
+        nodes[rows, width:] = said[:, 6:].astype(np.int64)
         return found._replace(nodes=nodes), self._facing(found, source, near, numbers, faces)
 
     def _at(self, facets, xi):
