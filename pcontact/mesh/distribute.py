@@ -38,7 +38,7 @@ def _own_cells(exchanger, piece, ranks):
     The slice loses its cells.
     """
     kinds, starts = _kinds(piece), piece.starts
-    groups = bits(list(piece.cell_groups), piece.cell_groups, len(piece.ids))
+    groups = bits(piece.cell_groups, len(piece.ids))
     n_bits = groups.shape[1]
     if piece.cell_values is not None:
         groups = np.column_stack([groups, piece.cell_values])
@@ -90,7 +90,7 @@ def _own_nodes(exchanger, piece, tables):
         return nodes, points, nodes, np.zeros((len(nodes), 0), dtype=np.int64), None
     first = piece.point_starts[piece.comm.rank]
     ids = piece.node_ids if piece.node_ids is not None else first + np.arange(len(piece.points))
-    groups = bits(list(piece.node_groups), piece.node_groups, len(piece.points))
+    groups = bits(piece.node_groups, len(piece.points))
     columns = [ids, groups] if piece.node_values is None else [ids, groups, piece.node_values]
     known = fetch(exchanger, piece.point_starts, np.column_stack(columns), nodes)
     end = 1 + groups.shape[1]

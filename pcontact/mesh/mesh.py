@@ -150,6 +150,16 @@ class Mesh:
     node_values: np.ndarray | None = None
     pieces: dict = field(init=False, default_factory=dict, repr=False, compare=False)
 
+    @property
+    def starts(self):
+        """ndarray (n_blocks + 1,) : row of the first cell of every block, all of them one after the other."""
+        return np.cumsum([0] + [len(block.nodes) for block in self.blocks])
+
+    def of_cells(self, name):
+        """What blocks know of their cells (n_cells,), by its name: numbers, bodies, components."""
+        parts = [np.broadcast_to(getattr(block, name), len(block.nodes)) for block in self.blocks]
+        return np.concatenate([np.zeros(0, dtype=np.int64), *parts])
+
     @cached_property
     def dm(self):
         return mesh_plex(self)

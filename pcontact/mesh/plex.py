@@ -295,7 +295,7 @@ def view(mesh):
 
 def _set_labels(dm, mesh, number):
     """The groups of a mesh; number (n_nodes,): of the vertices, -1 for other nodes."""
-    first = np.cumsum([0, *(len(block.nodes) for block in mesh.blocks)])
+    first = mesh.starts
     names = dict.fromkeys([*mesh.cell_groups, *mesh.facet_groups, *mesh.node_groups])
     for name in names:
         if name in RESERVED:

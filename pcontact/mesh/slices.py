@@ -107,7 +107,7 @@ class MeshSlice:
         members : ndarray (n_points, m)
             Of the nodes, see :func:`bits`.
         """
-        starts = np.cumsum([0] + [len(block.nodes) for block in mesh.blocks])
+        starts = mesh.starts
         for name, chosen in mesh.cell_groups.items():
             inside = np.zeros(starts[-1], dtype=bool)
             for first, rows in zip(starts, chosen, strict=False):
@@ -292,11 +292,11 @@ def means(points, table, out):
             out[c, i] = total / table.shape[1]
 
 
-def bits(names, groups, n):
+def bits(groups, n):
     """Columns (n, k) int64 that say which of the groups (rows, by name) something is in."""
-    out = np.zeros((n, -(-len(names) // COLUMN)), dtype=np.int64)
-    for k, name in enumerate(names):
-        out[groups[name], k // COLUMN] |= np.int64(1) << np.int64(k % COLUMN)
+    out = np.zeros((n, -(-len(groups) // COLUMN)), dtype=np.int64)
+    for k, rows in enumerate(groups.values()):
+        out[rows, k // COLUMN] |= np.int64(1) << np.int64(k % COLUMN)
     return out
 
 

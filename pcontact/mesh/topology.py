@@ -506,8 +506,7 @@ def _connected(mesh, regions):
     count = int(own.max(initial=-1)) + 1
     counts = comm.allgather(count)
     own += sum(counts[: comm.rank])
-    cells = np.concatenate([np.zeros(0, dtype=np.int64), *(block.ids for block in mesh.blocks)])
-    bodies = np.concatenate([np.zeros(0, np.int64), *(np.full(len(one.ids), one.body) for one in mesh.blocks)])
+    cells, bodies = mesh.of_cells("ids"), mesh.of_cells("body")
     least, n = np.full(sum(counts), np.iinfo(np.int64).max), sum(counts)
     np.minimum.at(least, own, cells)
     least = np.array(comm.allgather(least)).min(axis=0)

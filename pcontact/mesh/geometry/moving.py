@@ -19,7 +19,7 @@ import numpy as np
 
 from pcontact.element.reference import CELLS, edge_nodes, face_nodes
 from pcontact.mesh.geometry.belonging import NONE, belonging, opened
-from pcontact.mesh.refinement.simplices import BASE, HALF, LINEAR, middle_key, vertex_keys
+from pcontact.mesh.refinement.simplices import BASE, HALF, LINEAR, middle_key
 from pcontact.mesh.refinement.simplices import place as find
 from pcontact.mesh.topology import jacobians, mixed
 from pcontact.runtime import log
@@ -348,8 +348,7 @@ def halves_placed(mesh, parts, place, keys, points):
     points : ndarray (n, d)
         Where the cells of now put the nodes [length].
     """
-    marks, numbers = np.empty(len(mesh.points), dtype=np.uint64), np.full(len(points), NONE)
-    vertex_keys(mesh.file_nodes, marks)
+    marks, numbers = mixed(mesh.file_nodes), np.full(len(points), NONE)
     cells, end = [], 0
     for block, part in zip(mesh.blocks, parts, strict=True):
         size = len(block.nodes) * part.count * part.width

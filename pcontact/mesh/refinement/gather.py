@@ -34,7 +34,7 @@ def halved_where(comm, raw, marked, path, divide=False):
         On rank 0 the new mesh.
     """
     mesh, marked = load_plain(comm, raw), comm.bcast(marked)
-    ids = np.concatenate([block.ids for block in mesh.blocks])
+    ids = mesh.of_cells("ids")
     more = np.where(marked[ids], mesh.dim, 0)
     if divide:
         mesh, _, more = split(mesh, cells=more)

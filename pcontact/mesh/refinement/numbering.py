@@ -3,6 +3,8 @@
 Which other ranks have a node, and what ranks tell each other of the edges they cut.
 
 What a refined mesh remembers of the mesh it was made from, and how the base hears of it to be refined again.
+
+The slice of a mesh whose cells are divided, each for itself: nodes with the same key are one.
 """
 
 from dataclasses import dataclass
@@ -10,7 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pcontact.mesh.refinement.simplices import home_of_key, vertex_keys
+from pcontact.mesh.refinement.simplices import home_of_key
+from pcontact.mesh.slices import COLUMN, MeshSlice, SliceBlock, bits
+from pcontact.mesh.topology import mixed
 from pcontact.runtime.parallel import split_by_rank
 
 # bits of a node; further neighbours have the last one together
@@ -104,19 +108,135 @@ def among(ends, edges, n):
     return np.isin(ends.min(axis=1) * n + ends.max(axis=1), edges.min(axis=1) * n + edges.max(axis=1))
 
 
-def facets_of_parts(first, on_it):
-    """Facets (n k, 2) of the parts of cells, by the rows of the parts and their local facets.
+class Part(NamedTuple):
+    """Cells of a block that are divided alike, and the nodes of what they are divided into.
+
+    Attributes
+    ----------
+    block : int
+    rows : ndarray (n,)
+        In the block.
+    table : ndarray (k, n_nodes)
+        Places of the nodes of the new cells.
+    facets : list of ndarray (m, 2)
+        By facet of the cell: new cells and their facets that lie on it.
+    edges : list of (pair, list, list of pairs)
+        Of the cell: its vertices, new places on it, and places of the vertices of the edges that it is divided into.
+    old : ndarray (n_places,)
+        Node of the cell in the same place, or -1.
+    values : ndarray (n, n_places, m)
+        Coordinates, and fields, at the places.
+    keys : ndarray (n, n_places) uint64
+        Of the nodes there.
+    """
+
+    block: int
+    rows: np.ndarray
+    table: np.ndarray
+    facets: list
+    edges: list
+    old: np.ndarray
+    values: np.ndarray
+    keys: np.ndarray
+
+
+def sliced(exchanger, mesh, parts, layout, degree, width, move=None, cells=None):
+    """The mesh whose cells are divided, in slices whose nodes have the values of the parts. *Collective.*
 
     Parameters
     ----------
-    first : ndarray (n,) of int
-        Row of the first part of each cell.
-    on_it : ndarray (k, 2) of int
-        Parts of a cell and their facets that lie on one of its own.
+    exchanger : pcontact.runtime.parallel.Exchanger
+    mesh : pcontact.mesh.mesh.Mesh
+    parts : list of Part
+        Of all cells of this rank.
+    layout : list of (str, int)
+        New blocks: cell, and the number of its nodes; one for each of the mesh, or one for all.
+    degree : int
+        Of the layout of the nodes.
+    width : int
+        Of the values of the parts.
+    move : callable, optional
+        ``move(place, keys, points)``: where nodes (n,) are in place of points (n, d); place (m,) has those of the parts
+        of all cells, one after the other.
+    cells : ndarray (n_cells,) int64, optional
+        Values of the cells, which their parts have.
     """
-    found = np.empty((len(first), len(on_it), 2), dtype=np.int64)
-    found[:, :, 0], found[:, :, 1] = first[:, None] + on_it[:, 0], on_it[:, 1]
-    return found.reshape(-1, 2)
+    d, used, groups = mesh.dim, [np.unique(part.table) for part in parts], bits(mesh.node_groups, len(mesh.points))
+    names = list(mesh.node_groups)
+    empty = [np.zeros(0, np.uint64), *np.zeros((2, 0), np.int64), np.zeros((0, width)), groups[:0]]
+    columns = [[one] for one in empty]
+    for part, some in zip(parts, used, strict=True):
+        block = mesh.blocks[part.block]
+        nodes, there = block.nodes[part.rows], part.old >= 0
+        own = np.where(there[:, None], groups[nodes][:, part.old], 0)
+        for name, edges in mesh.edge_groups.items():
+            column, bit = divmod(names.index(name), COLUMN)
+            for pair, places, _ in part.edges:
+                own[np.ix_(_on_edge(mesh, nodes, pair, edges), places, [column])] |= np.int64(1) << np.int64(bit)
+        found = (part.keys, np.where(there, mesh.file_nodes[nodes][:, part.old], -1),
+                 np.broadcast_to(block.ids[part.rows, None], part.keys.shape), part.values, own)  # fmt: skip
+        for rows, one, none in zip(columns, found, empty, strict=True):
+            rows.append(one[:, some].reshape(len(part.rows) * len(some), *none.shape[1:]))
+    keys, numbers, owners, values, members = (np.concatenate(rows) for rows in columns)
+    chosen, place = distinct(keys, owners)
+    values = values[chosen]
+    if move is not None:
+        values[:, :d] = move(place, keys[chosen], values[:, :d])
+    rows = np.column_stack([owners[chosen], values.view(np.int64), members[chosen]])
+    home, new_ids = number_nodes(exchanger, mesh, numbers[chosen], keys[chosen], rows, fewer=True)
+
+    starts, end, first = mesh.starts, 0, 0
+    none = np.zeros(0, np.int64)
+    tables, row, child, own_ids = [[np.zeros((0, n), np.int64)] for _, n in layout], [none], [none], []
+    counts, begin, kind = np.zeros((3, starts[-1]), dtype=np.int64)
+    for k, (part, some) in enumerate(zip(parts, used, strict=True)):
+        size, of_mesh, count = len(part.rows) * len(some), starts[part.block] + part.rows, len(part.table)
+        own, end = place[end : end + size].reshape(len(part.rows), -1), end + size
+        own_ids.append(new_ids[own])
+        new = home.places[:, 0][own[:, np.searchsorted(some, part.table)]]
+        tables[part.block if len(layout) > 1 else 0].append(new.reshape(-1, part.table.shape[1]))
+        counts[of_mesh], kind[of_mesh], begin[of_mesh] = count, k, first + count * np.arange(len(of_mesh))
+        first += count * len(of_mesh)
+        row.append(np.repeat(of_mesh, count))
+        child.append(np.tile(np.arange(count), len(of_mesh)))
+    row, child = np.concatenate(row), np.concatenate(child)
+    start, n_cells = first_numbers(exchanger, mesh, mesh.of_cells("ids"), counts)
+    table = home.table[:, 1:]
+    real = np.ascontiguousarray(table[:, :width]).view(np.float64)
+    piece = MeshSlice(
+        mesh.comm, None, d, degree, mesh.curved,
+        [SliceBlock(cell, np.concatenate(some)) for (cell, _), some in zip(layout, tables, strict=True)],
+        start[row] + child, mesh.of_cells("body")[row], mesh.of_cells("components")[row],
+        np.ascontiguousarray(real[:, :d]), home.starts, home.total, n_cells, mesh.n_components, node_ids=home.numbers,
+        node_values=np.ascontiguousarray(real[:, d:]).view(np.int64),
+        cell_values=None if cells is None else cells[row][:, None],
+    )  # fmt: skip
+    piece.name_as(mesh, row, table[:, width:])
+    for name, facets in mesh.facet_groups.items():
+        found = [np.zeros((0, 2), dtype=np.int64)]
+        for one in facets:
+            of_mesh = starts[one.block] + one.cells
+            for k, local in np.unique(np.column_stack([kind[of_mesh], one.local]), axis=0).tolist():
+                on_it = parts[k].facets[local]
+                some = begin[of_mesh[(kind[of_mesh] == k) & (one.local == local)]]
+                at = np.empty((len(some), len(on_it), 2), dtype=np.int64)
+                at[:, :, 0], at[:, :, 1] = some[:, None] + on_it[:, 0], on_it[:, 1]
+                found.append(at.reshape(-1, 2))
+        piece.facet_groups[name] = tuple(np.concatenate(found).T)
+    for name, edges in mesh.edge_groups.items():
+        found = [np.zeros((0, 2), dtype=np.int64)]
+        for part, some, ids in zip(parts, used, own_ids, strict=True):
+            nodes = mesh.blocks[part.block].nodes[part.rows]
+            for pair, _, inner in part.edges:
+                ends = ids[_on_edge(mesh, nodes, pair, edges)][:, np.searchsorted(some, np.array(inner))]
+                found.append(ends.reshape(-1, 2))
+        piece.edge_groups[name] = np.concatenate(found)
+    return piece
+
+
+def _on_edge(mesh, nodes, pair, edges):
+    """Which cells (n, n_nodes) have an edge, by its local vertices, that is among some (m, 2), by their numbers."""
+    return among(mesh.file_nodes[nodes[:, list(pair)]], edges, mesh.n_nodes_total)
 
 
 class Neighbours:
@@ -220,19 +340,15 @@ def tree_points(mesh):
 
 def marks(mesh):
     """A number (n_nodes,) between 0 and 1 of each node, the same on all meshes of one base."""
-    keys = np.empty(len(mesh.points), dtype=np.uint64)
-    if mesh.origin is None:
-        vertex_keys(mesh.file_nodes, keys)
-    else:
-        keys[:] = mesh.origin.keys
+    keys = mixed(mesh.file_nodes) if mesh.origin is None else mesh.origin.keys
     return (keys >> np.uint64(11)).astype(float) * 2.0**-53
 
 
-def first_origin(base, keys):
+def first_origin(base):
     """The origin of a mesh that has not been refined."""
-    cells = np.concatenate([block.ids for block in base.blocks])
+    cells = base.of_cells("ids")
     zero = np.zeros(len(cells), dtype=np.int64)
-    return Origin(base, cells, zero.view(np.uint64), zero, keys)
+    return Origin(base, cells, zero.view(np.uint64), zero, mixed(base.file_nodes))
 
 
 def to_base(exchanger, base, cells, table):
@@ -253,7 +369,7 @@ def to_base(exchanger, base, cells, table):
     table : ndarray (m, k) int64
     """
     size, n = exchanger.comm.size, max(base.n_cells_total, 1)
-    own = np.concatenate([np.zeros(0, dtype=np.int64), *(block.ids for block in base.blocks)])
+    own = base.of_cells("ids")
     # a third rank knows who has a cell
     known = exchanger.deliver(own * size // n, np.column_stack([own, np.full(len(own), exchanger.comm.rank)]))
     rows = exchanger.deliver(cells * size // n, np.column_stack([cells, table]))

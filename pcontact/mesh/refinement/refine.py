@@ -8,6 +8,7 @@ cells that share it agree. Values that cells compute for a shared node may diffe
 the lowest number count, on any number of ranks.
 """
 
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -22,17 +23,17 @@ from pcontact.mesh.partition import WEIGHT
 from pcontact.mesh.refinement.numbering import (
     Neighbours,
     Origin,
-    among,
-    distinct,
-    facets_of_parts,
+    Part,
     first_numbers,
     first_origin,
     number_nodes,
+    sliced,
     to_base,
     values_by_key,
 )
-from pcontact.mesh.refinement.simplices import WISHED, Forest, Wishes, interpolate, opposite, vertex_keys
+from pcontact.mesh.refinement.simplices import WISHED, Forest, Wishes, interpolate, opposite
 from pcontact.mesh.slices import COLUMN, MeshSlice, SliceBlock, bits, has_bit
+from pcontact.mesh.topology import mixed
 from pcontact.runtime import profile
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import Exchanger, together
@@ -54,7 +55,7 @@ def children(cell):
     return np.array([[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]])
 
 
-class _Parts:
+class _Halves:
     """The parts of the cells of a kind: where their nodes are, and which facets and edges of the cell they have."""
 
     def __init__(self, cell, degree):
@@ -69,11 +70,10 @@ class _Parts:
         same = np.abs(self.values - 1.0) < 1e-9
         self.old = np.where(same.any(axis=1), same.argmax(axis=1), -1)
         self.facets, self.edges = self._facets(cell, corners), []
-        for a, b in CELLS[cell].edges:
-            self.edges.append(np.flatnonzero(vertex[:, a] + vertex[:, b] > 1.0 - 1e-9))
-        pairs = np.array(CELLS[cell].edges)
-        pairs = (self.width * np.arange(self.count)[:, None, None] + pairs).reshape(-1, 2)
-        self.pieces = [pairs[np.isin(pairs, on_it).all(axis=1)] for on_it in self.edges]
+        pairs = (self.width * np.arange(self.count)[:, None, None] + np.array(CELLS[cell].edges)).reshape(-1, 2)
+        for edge in CELLS[cell].edges:
+            on_it = np.flatnonzero(vertex[:, list(edge)].sum(axis=1) > 1.0 - 1e-9)
+            self.edges.append((edge, on_it, pairs[np.isin(pairs, on_it).all(axis=1)]))
 
     @staticmethod
     def _facets(cell, corners):
@@ -101,97 +101,19 @@ def halved(exchanger, mesh, fields):
     -------
     pcontact.mesh.slices.MeshSlice, list of int
     """
-    d, ids = mesh.dim, np.concatenate([block.ids for block in mesh.blocks])
-    key = np.empty(len(mesh.points), dtype=np.uint64)
-    vertex_keys(mesh.file_nodes, key)
-    groups = bits(list(mesh.node_groups), mesh.node_groups, len(mesh.points))
-    known = np.column_stack([mesh.points, *fields])
-    parts = [_Parts(block.cell, mesh.degree) for block in mesh.blocks]
-    keys, numbers, owners, values, members = [], [], [], [], []
-    for block, part in zip(mesh.blocks, parts, strict=True):
-        nodes, n = block.nodes, len(block.nodes)
-        vertices = nodes[:, : CELLS[block.cell].n_vertices]
-        with np.errstate(over="ignore"):
-            keys.append((key[vertices][:, None] * part.steps).sum(axis=2, dtype=np.uint64).ravel())
-        numbers.append(np.where(part.old >= 0, mesh.file_nodes[nodes][:, part.old], -1).ravel())
-        owners.append(np.repeat(block.ids, part.count * part.width))
-        values.append(np.einsum("pn,cnk->cpk", part.values, known[nodes]).reshape(-1, known.shape[1]))
-        own = np.where((part.old >= 0)[:, None], groups[nodes][:, part.old], 0)
-        _join_edges(mesh, block, part, own)
-        members.append(own.reshape(n * part.count * part.width, groups.shape[1]))
-    keys, numbers, owners = (np.concatenate(rows) for rows in (keys, numbers, owners))
-    chosen, place = distinct(keys, owners)
-    values, members = np.concatenate(values)[chosen], np.concatenate(members)[chosen]
-    if mesh.belongs is not None:
-        values[:, :d] = halves_placed(mesh, parts, place, keys[chosen], values[:, :d])
-    values = values.view(np.int64)
-    rows = np.column_stack([owners[chosen], values, members])
-    home, new_ids = number_nodes(exchanger, mesh, numbers[chosen], keys[chosen], rows)
-    at = home.places[:, 0][place]
-    tables, end = [], 0
-    for block, part in zip(mesh.blocks, parts, strict=True):
-        size = len(block.nodes) * part.count * part.width
-        tables.append(SliceBlock(block.cell, at[end : end + size].reshape(-1, part.width)))
-        end += size
-    counts = np.concatenate([np.full(len(b.nodes), p.count) for b, p in zip(mesh.blocks, parts, strict=True)])
-    start, n_cells = first_numbers(exchanger, mesh, ids, counts)
-    row = np.repeat(np.arange(len(ids)), counts)
-    begin = np.cumsum(counts) - counts
-    table = home.table[:, 1:]
-    points = np.ascontiguousarray(table[:, : known.shape[1]]).view(np.float64)
-    piece = MeshSlice(
-        mesh.comm, None, d, mesh.degree, mesh.curved, tables, start[row] + np.arange(len(row)) - begin[row],
-        np.concatenate([np.full(len(b.nodes), b.body) for b in mesh.blocks])[row],
-        np.concatenate([b.components for b in mesh.blocks])[row], np.ascontiguousarray(points[:, :d]), home.starts,
-        home.total, n_cells, mesh.n_components, node_ids=home.numbers,
-        node_values=np.ascontiguousarray(points[:, d:]).view(np.int64),
-    )  # fmt: skip
-    _name(mesh, piece, parts, row, begin, table[:, known.shape[1] :])
-    _name_edges(mesh, piece, parts, new_ids[place])
+    known, key = np.column_stack([mesh.points, *fields]), mixed(mesh.file_nodes)
+    kinds, parts = [_Halves(block.cell, mesh.degree) for block in mesh.blocks], []
+    for number, (block, kind) in enumerate(zip(mesh.blocks, kinds, strict=True)):
+        vertices = key[block.nodes[:, : CELLS[block.cell].n_vertices]]
+        keys = (vertices[:, None] * kind.steps).sum(axis=2, dtype=np.uint64)
+        values = np.einsum("pn,cnk->cpk", kind.values, known[block.nodes])
+        table = np.arange(kind.count * kind.width).reshape(kind.count, kind.width)
+        rows = np.arange(len(block.nodes))
+        parts.append(Part(number, rows, table, kind.facets, kind.edges, kind.old, values, keys))
+    move = None if mesh.belongs is None else partial(halves_placed, mesh, kinds)
+    layout = [(block.cell, kind.width) for block, kind in zip(mesh.blocks, kinds, strict=True)]
+    piece = sliced(exchanger, mesh, parts, layout, mesh.degree, known.shape[1], move)
     return piece, [np.shape(field)[1] for field in fields]
-
-
-def _join_edges(mesh, block, part, own):
-    """Put nodes on edges of groups into these: bits ``own`` (n_cells, n_places, m)."""
-    names = list(mesh.node_groups)
-    for name, edges in mesh.edge_groups.items():
-        column, bit = divmod(names.index(name), COLUMN)
-        for e, places in enumerate(part.edges):
-            inside = _on_edge(mesh, block, e, edges)
-            own[np.ix_(inside, places, [column])] |= np.int64(1) << np.int64(bit)
-
-
-def _on_edge(mesh, block, e, edges):
-    """Cells (n,) bool whose local edge e is one of some edges (m, 2), by the numbers of the vertices."""
-    ends = mesh.file_nodes[block.nodes[:, list(CELLS[block.cell].edges[e])]]
-    return among(ends, edges, mesh.n_nodes_total)
-
-
-def _name_edges(mesh, piece, parts, numbers):
-    """Fill the groups of edges of the slice, by the numbers of all places of nodes in all parts of cells."""
-    for name, edges in mesh.edge_groups.items():
-        found, first = [np.zeros((0, 2), dtype=np.int64)], 0
-        for block, part in zip(mesh.blocks, parts, strict=True):
-            own = numbers[first : first + len(block.nodes) * part.count * part.width]
-            own = own.reshape(len(block.nodes), part.count * part.width)
-            for e, pairs in enumerate(part.pieces):
-                found.append(own[_on_edge(mesh, block, e, edges)][:, pairs].reshape(-1, 2))
-            first += own.size
-        piece.edge_groups[name] = np.concatenate(found)
-
-
-def _name(mesh, piece, parts, row, begin, members):
-    """Fill the groups of the slice; begin (n_cells,): first row of the parts of each cell."""
-    starts = np.cumsum([0] + [len(block.nodes) for block in mesh.blocks])
-    piece.name_as(mesh, row, members)
-    none = np.zeros((0, 2), dtype=np.int64)
-    for name, facets in mesh.facet_groups.items():
-        found = [none]
-        for one in facets:
-            for local, on_it in enumerate(parts[one.block].facets):
-                cells = begin[starts[one.block] + one.cells[one.local == local]]
-                found.append(facets_of_parts(cells, on_it))
-        piece.facet_groups[name] = tuple(np.concatenate(found).T)
 
 
 class Balance(NamedTuple):
@@ -276,7 +198,7 @@ def refine(mesh, more, fields=(), balance=None, rise=None):
     exchanger = Exchanger(mesh.comm)
     try:
         with profile.phase("distribute"):
-            more, origin = np.asarray(more, dtype=np.int64), mesh.origin or _as_base(mesh)
+            more, origin = np.asarray(more, dtype=np.int64), mesh.origin or first_origin(mesh)
             regular = any(block.cell not in SIMPLICES for block in origin.base.blocks)
             if regular:
                 _check_kinds(mesh)
@@ -302,12 +224,6 @@ def _check_kinds(mesh):
         )
 
 
-def _as_base(mesh):
-    keys = np.empty(len(mesh.points), dtype=np.uint64)
-    vertex_keys(mesh.file_nodes, keys)
-    return first_origin(mesh, keys)
-
-
 def carried_over(new, mesh, base, widths):
     """The new mesh with its origin and names, and its fields."""
     new.component_names = list(mesh.component_names)
@@ -330,7 +246,7 @@ def _grown(exchanger, mesh, origin, wanted, fields):
     base = origin.base
     kinds = {block.cell for block in base.blocks}
     wishes, spans = _wishes(exchanger, mesh, origin, *wanted)
-    columns = bits(list(base.node_groups), base.node_groups, len(base.points))
+    columns = bits(base.node_groups, len(base.points))
     forest = Forest(base, kinds.pop(), columns, _edges(base))
     forest.cells.wishes[: len(spans)] = spans
     facets = _mark_facets(base, forest)
@@ -380,7 +296,7 @@ def _edges(base):
 
 def _mark_facets(base, forest):
     """Number the facets of the base that are in groups, for the cells that have them; bits (n, m) of the groups."""
-    starts = np.cumsum([0] + [len(block.nodes) for block in base.blocks])
+    starts = base.starts
     local_vertex = np.argsort(opposite(forest.cell))
     d1 = len(local_vertex)
     places = {}
@@ -389,7 +305,7 @@ def _mark_facets(base, forest):
         places[name] = np.concatenate([np.zeros(0, dtype=np.int64), *rows])
     every = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *places.values()]))
     forest.cells.facets[every // d1, every % d1] = np.arange(len(every))
-    return bits(list(places), {name: np.searchsorted(every, rows) for name, rows in places.items()}, len(every))
+    return bits({name: np.searchsorted(every, rows) for name, rows in places.items()}, len(every))
 
 
 def _close(exchanger, base, forest, wishes):
@@ -444,19 +360,17 @@ def _sliced(exchanger, base, forest, facet_bits, points, values):
     at[chosen] = home.places[:, 0]
     number_of = np.full(n, -1, dtype=np.int64)
     number_of[chosen] = new_ids
-    base_ids = np.concatenate([block.ids for block in base.blocks])
+    base_ids = base.of_cells("ids")
     counts = np.bincount(row, minlength=len(base_ids))
     first, n_cells = first_numbers(exchanger, base, base_ids, counts)
     ids = first[row] + np.arange(len(row)) - (np.cumsum(counts) - counts)[row]
-    starts = np.cumsum([0] + [len(block.nodes) for block in base.blocks])
-    ends = np.searchsorted(row, starts)
+    ends = np.searchsorted(row, base.starts)
     points = np.ascontiguousarray(home.table[:, :d]).view(np.float64)
     node_bits = home.table[:, d : d + width]
     piece = MeshSlice(
         base.comm, None, d, base.degree, base.curved,
         [SliceBlock(block.cell, at[table[a:b]]) for block, a, b in zip(base.blocks, ends[:-1], ends[1:], strict=True)],
-        ids, np.concatenate([np.full(len(b.nodes), b.body) for b in base.blocks])[row],
-        np.concatenate([block.components for block in base.blocks])[row], points, home.starts, home.total, n_cells,
+        ids, base.of_cells("body")[row], base.of_cells("components")[row], points, home.starts, home.total, n_cells,
         base.n_components, node_ids=home.numbers,
         cell_values=np.column_stack([base_ids[row], path.view(np.int64), level]),
         node_values=np.ascontiguousarray(home.table[:, d + width :]),

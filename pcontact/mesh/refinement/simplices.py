@@ -34,6 +34,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact.element.reference import CELLS, edge_nodes
+from pcontact.mesh.topology import mixed
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.jit import njit_exact, njit_inline, njit_inner_exact
 
@@ -55,8 +56,8 @@ ROOM = 1.5
 
 
 @njit_inline
-def mixed(number):
-    """64 bits that look like random ones (S. Vigna's splitmix64)."""
+def _mixed(number):
+    """One number as :func:`pcontact.mesh.topology.mixed` has it."""
     z = np.uint64(number) + np.uint64(0x9E3779B97F4A7C15)
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
@@ -67,21 +68,12 @@ def mixed(number):
 def middle_key(a, b):
     """Key of the node between two others."""
     low, high = min(a, b), max(a, b)
-    return mixed(low * np.uint64(3) + mixed(high))
+    return _mixed(low * np.uint64(3) + _mixed(high))
 
 
-@njit_exact
-def vertex_keys(numbers, out):
-    """Keys (n,) uint64 of nodes of the base, by their numbers."""
-    for k in range(numbers.shape[0]):
-        out[k] = mixed(np.uint64(numbers[k]))
-
-
-@njit_exact
-def middle_keys(one, other, out):
+def middle_keys(one, other):
     """Keys (n,) uint64 of nodes between pairs of others, by the keys of these."""
-    for k in range(one.shape[0]):
-        out[k] = middle_key(one[k], other[k])
+    return mixed(np.minimum(one, other) * np.uint64(3) + mixed(np.maximum(one, other)))
 
 
 @njit_inline
@@ -578,7 +570,7 @@ class Forest:
             np.full((room, 2 if self.rule == LINEAR else 5), -1, np.int32), np.zeros(room, np.uint8),
             np.zeros(room, np.uint64), np.zeros((room, node_groups.shape[1]), np.int64),
         )  # fmt: skip
-        vertex_keys(base.file_nodes, nodes.key)
+        nodes.key[:n] = mixed(base.file_nodes)
         nodes.points[:n], nodes.groups[:n] = base.points, node_groups
         return nodes
 

@@ -32,10 +32,10 @@ from pcontact.element.shape import shape, shape_gradient
 from pcontact.mesh.distribute import deal
 from pcontact.mesh.geometry.moving import put_on
 from pcontact.mesh.mesh import Mesh
-from pcontact.mesh.refinement.numbering import among, distinct, facets_of_parts, first_numbers, number_nodes
+from pcontact.mesh.refinement.numbering import Part, sliced
 from pcontact.mesh.refinement.refine import SIMPLICES, Balance, carried_over
-from pcontact.mesh.refinement.simplices import middle_keys, vertex_keys
-from pcontact.mesh.slices import COLUMN, MeshSlice, SliceBlock, bits
+from pcontact.mesh.refinement.simplices import middle_keys
+from pcontact.mesh.topology import mixed
 from pcontact.runtime import profile
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import Exchanger
@@ -336,31 +336,6 @@ def folded(mesh):
     return _Split(mesh, (), mesh.degree).folded()
 
 
-class _Part(NamedTuple):
-    """Cells of a block that are divided alike.
-
-    Attributes
-    ----------
-    block : int
-    rows : ndarray (n,)
-        In the block.
-    table : ndarray (k, n_nodes)
-        Places of the nodes of the simplices.
-    division : pcontact.mesh.refinement.split.Division
-    values : ndarray (n, n_places, m)
-        Coordinates, and fields, at the places.
-    keys : ndarray (n, n_places) uint64
-        Of the nodes there.
-    """
-
-    block: int
-    rows: np.ndarray
-    table: np.ndarray
-    division: object
-    values: np.ndarray
-    keys: np.ndarray
-
-
 class _Split:
     """One mesh on its way.
 
@@ -375,13 +350,8 @@ class _Split:
     def __init__(self, mesh, fields, degree):
         self._mesh, self._degree = mesh, degree
         self._cell = "triangle" if mesh.dim == 2 else "tetrahedron"
-        self._key = np.empty(len(mesh.points), dtype=np.uint64)
-        vertex_keys(mesh.file_nodes, self._key)
-        self._groups = bits(list(mesh.node_groups), mesh.node_groups, len(mesh.points))
+        self._key = mixed(mesh.file_nodes)
         self._known = np.column_stack([mesh.points, *fields]).astype(float)
-        self._starts = np.cumsum([0] + [len(block.nodes) for block in mesh.blocks])
-        self._places = [Places(block.cell, mesh.degree, degree) for block in mesh.blocks]
-
         self._parts = []
         for number, block in enumerate(mesh.blocks):
             self._parts += self._divided(number, block)
@@ -398,16 +368,23 @@ class _Split:
             wrong += int((jacobians.min(axis=(1, 2), initial=np.inf) <= 0.0).sum())
         return mesh.comm.allreduce(wrong)
 
-    # -- cells ----------------------------------------------------------------------------------------------------
+    def slice(self, exchanger, cells):
+        """The new mesh, in slices, with values (n_cells,) of the cells. *Collective.*"""
+        simplex = CELLS[self._cell]
+        width = simplex.n_vertices + (len(simplex.edges) if self._degree == 2 else 0)
+        return sliced(exchanger, self._mesh, self._parts, [(self._cell, width)], self._degree, self._known.shape[1],
+                      cells=cells)  # fmt: skip
 
     def _divided(self, number, block):
-        """The parts of a block: list of _Part."""
-        mesh, places = self._mesh, self._places[number]
+        """The parts of a block: list of Part."""
+        mesh, places = self._mesh, Places(block.cell, self._mesh.degree, self._degree)
         whole = CELLS[block.cell].complete or block.cell
         x = mesh.points[block.nodes[:, : places.vertices]]
         choice = self._choices(places, block, x)
-        weights = shape(block.cell, mesh.degree, places.at)
-        parts = []
+        weights, parts = shape(block.cell, mesh.degree, places.at), []
+        old = np.where(np.arange(len(places.at)) < places.own, np.arange(len(places.at)), -1)
+        edges = [((a, b), [p for p, *ends in places.edges if ends == [a, b]], [(a, b)])
+                 for a, b in edge_nodes(block.cell).tolist()]  # fmt: skip
         for chosen in np.unique(choice):
             rows = np.flatnonzero(choice == chosen)
             some = divisions(whole, int(chosen))
@@ -420,7 +397,7 @@ class _Split:
                 if not mesh.curved and len(own):
                     self._straighten(block.cell, places, table, values)
                 keys = self._keys(places, nodes, block.ids[own], int(chosen))
-                parts.append(_Part(number, own, table, some[k], values, keys))
+                parts.append(Part(number, own, table, some[k].facets, edges, old, values, keys))
         return parts
 
     def _dim_middle(self, cell):
@@ -475,144 +452,14 @@ class _Split:
         keys = np.empty((len(nodes), len(places.at)), dtype=np.uint64)
         keys[:, : places.own] = self._key[nodes]
         for p in range(places.own, len(places.at)):
-            own = np.empty(len(nodes), dtype=np.uint64)
-            vertex_keys(self._mesh.n_nodes_total + MOST * ids + p, own)
-            keys[:, p] = own
+            keys[:, p] = mixed(self._mesh.n_nodes_total + MOST * ids + p)
         shared = [*places.edges]
         for p, f in places.faces:
             face = places.quadrilaterals[f]
             shared.append((p, *(face[1::2] if choice >> f & 1 else face[::2])))
         for p, a, b in shared:
-            own = np.empty(len(nodes), dtype=np.uint64)
-            middle_keys(np.ascontiguousarray(keys[:, a]), np.ascontiguousarray(keys[:, b]), own)
-            keys[:, p] = own
+            keys[:, p] = middle_keys(keys[:, a], keys[:, b])
         return keys
-
-    # -- the slice ------------------------------------------------------------------------------------------------
-
-    def slice(self, exchanger, cells):
-        """The new mesh, in slices, with values (n_cells,) of the cells. *Collective.*"""
-        mesh, d, width = self._mesh, self._mesh.dim, self._known.shape[1]
-        used = [np.unique(part.table) for part in self._parts]
-        home, new_ids, place = self._numbered(exchanger, used)
-        nodes, new, end = [np.zeros((0, self._width()), dtype=np.int64)], [], 0
-        for part, columns in zip(self._parts, used, strict=True):
-            size = len(part.rows) * len(columns)
-            own = place[end : end + size].reshape(len(part.rows), -1)
-            new.append((columns, new_ids[own]))
-            local = np.searchsorted(columns, part.table)
-            nodes.append(home.places[:, 0][own[:, local]].reshape(-1, part.table.shape[1]))
-            end += size
-        counts, row, child = self._children()
-        start, n_cells = first_numbers(exchanger, mesh, self._of_cells("ids"), counts)
-        table = home.table[:, 1:]
-        real = np.ascontiguousarray(table[:, :width]).view(np.float64)
-        bodies = np.concatenate([np.zeros(0, np.int64), *(np.full(len(b.nodes), b.body) for b in mesh.blocks)])
-        piece = MeshSlice(
-            mesh.comm, None, d, self._degree, mesh.curved, [SliceBlock(self._cell, np.concatenate(nodes))],
-            start[row] + child, bodies[row], self._of_cells("components")[row], np.ascontiguousarray(real[:, :d]),
-            home.starts, home.total, n_cells, mesh.n_components, node_ids=home.numbers,
-            node_values=np.ascontiguousarray(real[:, d:]).view(np.int64), cell_values=cells[row][:, None],
-        )  # fmt: skip
-        self._name(piece, row, len(counts), table[:, width:])
-        self._name_edges(piece, new)
-        return piece
-
-    def _numbered(self, exchanger, used):
-        """The nodes at used places of the parts: see :func:`number_nodes`; and for each place of each cell the row of
-        its node. *Collective.*"""
-        count, width = self._groups.shape[1], self._known.shape[1]
-        keys, numbers, owners = [np.zeros(0, np.uint64)], [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
-        values, members = [np.zeros((0, width))], [np.zeros((0, count), np.int64)]
-        for part, columns in zip(self._parts, used, strict=True):
-            keys.append(part.keys[:, columns].ravel())
-            numbers.append(self._numbers(part)[:, columns].ravel())
-            owners.append(np.repeat(self._block(part).ids[part.rows], len(columns)))
-            values.append(part.values[:, columns].reshape(-1, width))
-            members.append(self._members(part)[:, columns].reshape(len(keys[-1]), count))
-        keys, numbers, owners = (np.concatenate(rows) for rows in (keys, numbers, owners))
-        chosen, place = distinct(keys, owners)
-        values, members = np.concatenate(values)[chosen].view(np.int64), np.concatenate(members)[chosen]
-        rows = np.column_stack([owners[chosen], values, members])
-        home, ids = number_nodes(exchanger, self._mesh, numbers[chosen], keys[chosen], rows, fewer=True)
-        return home, ids, place
-
-    def _children(self):
-        """Simplices of each cell (n_cells,); and of each simplex the row of its cell, and its number there."""
-        counts, none = np.zeros(self._starts[-1], dtype=np.int64), np.zeros(0, dtype=np.int64)
-        row, child = [none], [none]
-        for part in self._parts:
-            counts[self._cells(part)] = len(part.table)
-            row.append(np.repeat(self._cells(part), len(part.table)))
-            child.append(np.tile(np.arange(len(part.table)), len(part.rows)))
-        return counts, np.concatenate(row), np.concatenate(child)
-
-    def _of_cells(self, name):
-        return np.concatenate([np.zeros(0, np.int64), *(getattr(block, name) for block in self._mesh.blocks)])
-
-    def _width(self):
-        simplex = CELLS[self._cell]
-        return simplex.n_vertices + (len(simplex.edges) if self._degree == 2 else 0)
-
-    def _block(self, part):
-        return self._mesh.blocks[part.block]
-
-    def _cells(self, part):
-        """Rows (n,) of the cells of a part, all blocks one after the other."""
-        return self._starts[part.block] + part.rows
-
-    def _numbers(self, part):
-        """Numbers (n, n_places) of nodes that the mesh has, or -1."""
-        nodes = self._block(part).nodes[part.rows]
-        numbers = np.full(part.keys.shape, -1, dtype=np.int64)
-        numbers[:, : nodes.shape[1]] = self._mesh.file_nodes[nodes]
-        return numbers
-
-    def _members(self, part):
-        """Bits (n, n_places, m) of the groups of nodes; those of new nodes on edges of groups, too."""
-        mesh, block = self._mesh, self._block(part)
-        nodes, names = block.nodes[part.rows], list(mesh.node_groups)
-        own = np.zeros((*part.keys.shape, self._groups.shape[1]), dtype=np.int64)
-        own[:, : nodes.shape[1]] = self._groups[nodes]
-        for name, edges in mesh.edge_groups.items():
-            column, bit = divmod(names.index(name), COLUMN)
-            for p, a, b in self._places[part.block].edges:
-                inside = among(mesh.file_nodes[nodes[:, [a, b]]], edges, mesh.n_nodes_total)
-                own[inside, p, column] |= np.int64(1) << np.int64(bit)
-        return own
-
-    def _name(self, piece, row, n_cells, members):
-        """Fill the groups of the slice but those of edges."""
-        mesh, none = self._mesh, np.zeros((0, 2), dtype=np.int64)
-        # first row of the simplices of each cell
-        begin, end, division = np.zeros(n_cells, np.int64), 0, np.zeros(n_cells, np.int64)
-        for k, part in enumerate(self._parts):
-            cells = self._cells(part)
-            begin[cells], division[cells] = end + len(part.table) * np.arange(len(cells)), k
-            end += len(part.table) * len(cells)
-        piece.name_as(mesh, row, members)
-        for name, facets in mesh.facet_groups.items():
-            found = [none]
-            for one in facets:
-                cells = self._starts[one.block] + one.cells
-                kinds = division[cells] * MOST + one.local
-                for kind in np.unique(kinds):
-                    k, local = divmod(int(kind), MOST)
-                    on_it, own = self._parts[k].division.facets[local], begin[cells[kinds == kind]]
-                    found.append(facets_of_parts(own, on_it))
-            piece.facet_groups[name] = tuple(np.concatenate(found).T)
-
-    def _name_edges(self, piece, new):
-        """Fill the groups of edges, which stay the same ones."""
-        mesh = self._mesh
-        number = np.full(len(mesh.points), -1, dtype=np.int64)
-        for part, (columns, numbers) in zip(self._parts, new, strict=True):
-            inside = columns < self._places[part.block].own
-            number[self._block(part).nodes[part.rows][:, columns[inside]]] = numbers[:, inside]
-        order = np.argsort(mesh.file_nodes)
-        for name, edges in mesh.edge_groups.items():
-            local = order[np.searchsorted(mesh.file_nodes, edges, sorter=order)] if len(edges) else edges
-            piece.edge_groups[name] = number[local].reshape(-1, 2)
 
 
 def _best(some, x, middle):
