@@ -15,8 +15,8 @@ from pcontact.element.reference import CELLS, MESHIO_NAMES, facet_kinds, facet_n
 from pcontact.io.vtu import CELL_NAMES
 from pcontact.mesh.formats import from_meshio
 from pcontact.mesh.msh import write_file
-from pcontact.mesh.plex import LOWER, file_of, read_plex
-from pcontact.mesh.raw import KINDS, FileMesh, Table, number_rows
+from pcontact.mesh.plex import file_of, read_plex
+from pcontact.mesh.raw import KINDS, LOWER, FileMesh, Table, number_rows
 from pcontact.mesh.read import read_file
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import on_root

@@ -13,7 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pcontact.element.reference import CELLS
 from pcontact.importer.cards import Card, Motion, flat, read_cards, rectangular, turned
+from pcontact.mesh.raw import KINDS, NAMED
 from pcontact.runtime.errors import InputError
 
 # faces of Abaqus and CalculiX, by the number of vertices and the dimension; vertices from 0
@@ -25,23 +27,11 @@ FACES = {
     (3, 6): ((0, 1, 2), (3, 5, 4), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5)),
     (3, 8): ((0, 1, 2, 3), (4, 7, 6, 5), (0, 4, 5, 1), (1, 5, 6, 2), (2, 6, 7, 3), (3, 7, 4, 0)),
 }
-# meshio's names by dimension and number of nodes; node orders are the same
-_NAMES = {
-    (2, 3): "triangle", (2, 6): "triangle6", (2, 4): "quad", (2, 8): "quad8",
-    (3, 4): "tetra", (3, 10): "tetra10", (3, 6): "wedge", (3, 15): "wedge15", (3, 8): "hexahedron",
-    (3, 20): "hexahedron20", (3, 5): "pyramid",
-}  # fmt: skip
-# vertices of cells by meshio's names
-VERTICES = {"triangle": 3, "triangle6": 3, "quad": 4, "quad8": 4, "tetra": 4, "tetra10": 4, "pyramid": 5, "wedge": 6,
-            "wedge15": 6, "hexahedron": 8, "hexahedron20": 8}  # fmt: skip
+# vertices of cells by meshio's names, whose node orders are the same
+VERTICES = {name: CELLS[KINDS[name][0]].n_vertices for (dim, _), name in NAMED.items()
+            if dim > 1 and name not in ("quad9", "hexahedron27", "wedge18", "pyramid13", "pyramid14")}  # fmt: skip
 # edges of cells with nodes in their middles, in the order of these
-EDGES = {
-    "triangle6": ((0, 1), (1, 2), (2, 0)),
-    "quad8": ((0, 1), (1, 2), (2, 3), (3, 0)),
-    "tetra10": ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)),
-    "hexahedron20": ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)),
-    "wedge15": ((0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5)),
-}
+EDGES = {name: CELLS[KINDS[name][0]].edges for name in VERTICES if KINDS[name][1] == 2}
 # cells that have reduced integration, and all without nodes in the middles of their faces
 REDUCED = ("quad8", "hexahedron20")
 SERENDIPITY = (*REDUCED, "wedge15")
@@ -108,7 +98,8 @@ def kind_of(word):
         return Kind(_OTHERS.get(word), 0, None, "", "")
     family, count, letters = found.group(1), int(found.group(2)), found.group(3)
     dim = 3 if family == "C3D" else 2
-    cell = _NAMES.get((dim, count))
+    cell = NAMED.get((dim, count))
+    cell = cell if cell in VERTICES else None
     reduced = cell in REDUCED and family != "CAX" and letters in ("R", "RH")
     letters = letters.removeprefix("R") if reduced else letters
     return Kind(count, dim, cell, family, _REMARKS.get(letters, letters), reduced)

@@ -2,9 +2,8 @@
 
 from pcontact.importer.deck import VERTICES, in_plane
 from pcontact.mesh.msh import write_msh
+from pcontact.mesh.raw import LOWER
 
-# meshio's names of facets by their vertices
-_FACETS = {2: "line", 3: "triangle", 4: "quad"}
 KINDS = ("cells", "facets", "nodes")
 
 
@@ -67,7 +66,7 @@ def write_mesh(path, deck, groups):
     for name, members in groups.of("facets").items():
         for element, face in members:
             corners = deck.corners(element, face)
-            add(dim - 1, name, _FACETS[len(corners)], corners)
+            add(dim - 1, name, LOWER[len(corners)][0], corners)
     for name, members in groups.of("nodes").items():
         for node in members:
             add(0, name, "vertex", [node])

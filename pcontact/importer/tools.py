@@ -7,6 +7,7 @@ import numpy as np
 
 from pcontact.importer.deck import outward
 from pcontact.mesh.msh import write_msh
+from pcontact.mesh.raw import LOWER
 
 # kinds of surfaces that are lines and arcs
 ANALYTICAL = ("SEGMENTS", "CYLINDER", "REVOLUTION")
@@ -14,8 +15,7 @@ ANALYTICAL = ("SEGMENTS", "CYLINDER", "REVOLUTION")
 ARC = 5.0
 # [bodies' extents] on both sides of the profile of a cylinder
 _BEYOND = 1.0
-# kinds of facets by their number of nodes
-_STRAIGHT = {2: "line", 3: "triangle", 4: "quad"}
+# kinds of facets of degree 2 by their number of nodes
 _CURVED = {3: "line3", 6: "triangle6", 9: "quad9"}
 # corners of facets of degree 2, by their number of nodes
 _CORNERS = {3: 2, 6: 3, 9: 4}
@@ -49,7 +49,7 @@ class Tool:
 
     def write(self, directory):
         """Write the mesh file. Serial."""
-        kinds = _CURVED if self.curved else _STRAIGHT
+        kinds = _CURVED if self.curved else {n: name for n, (name, _) in LOWER.items()}
         facets = [(k, kinds[len(one)], 1, [n + 1 for n in one]) for k, one in enumerate(self.facets, 1)]
         write_msh(directory / self.table["file"], enumerate(self.nodes.tolist(), 1), facets)
 

@@ -12,7 +12,7 @@ import h5py
 import numpy as np
 
 from pcontact.element.reference import n_nodes
-from pcontact.mesh.raw import KINDS, FileMesh, Table, default_name, reading
+from pcontact.mesh.raw import KINDS, LOWER, FileMesh, Table, default_name, reading
 from pcontact.runtime import log
 from pcontact.runtime.errors import InputError
 
@@ -56,7 +56,6 @@ _SIDES = {
     "pyramid": [(0, 1, 4), (1, 2, 4), (2, 3, 4), (0, 4, 3), (0, 3, 2, 1)],
     "hexahedron": [(0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (0, 4, 7, 3), (0, 3, 2, 1), (4, 5, 6, 7)],
 }
-_FACETS = {1: "vertex", 2: "line", 3: "triangle", 4: "quad"}
 # kind (meshio's name), dimension and number of nodes by MED's name
 _MED_KINDS = {
     "PO1": ("vertex", 0), "SE2": ("line", 1), "SE3": ("line3", 1), "TR3": ("triangle", 2), "TR6": ("triangle6", 2),
@@ -299,7 +298,7 @@ def _add_sides(path, file, blocks, starts, name, elements, sides, space):
         for side in np.unique(local).tolist():
             nodes = block.nodes[rows[local == side]][:, table[side]]
             n = nodes.shape[1]
-            file.tables.append(Table(_FACETS[n], 1 if n == 2 else 2, nodes, block.tags[rows[local == side]]))
+            file.tables.append(Table(*LOWER[n], nodes, block.tags[rows[local == side]]))
             file.add(file.tables[-1].dim, name, len(file.tables) - 1, np.arange(len(nodes)))
 
 

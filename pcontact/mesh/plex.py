@@ -14,7 +14,7 @@ import h5py
 import numpy as np
 
 from pcontact.element.reference import CELLS, MESHIO_NAMES, facet_kinds, facet_nodes
-from pcontact.mesh.raw import DIMENSION_NAMES, FileMesh
+from pcontact.mesh.raw import DIMENSION_NAMES, LOWER, FileMesh
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import MPI, Integer, PETSc, call, handle
 
@@ -44,8 +44,6 @@ SETS = {"Cell Sets": 0, "Face Sets": 1, "Edge Sets": 2}
 CELLS_OF = {(2, 3): "triangle", (2, 4): "quadrilateral", (3, 4): "tetrahedron", (3, 5): "pyramid", (3, 6): "wedge",
          (3, 8): "hexahedron"}  # fmt: skip
 
-# the same as meshio calls them; facets, edges and nodes by the number of their vertices, with their dimension
-LOWER = {1: ("vertex", 0), 2: ("line", 1), 3: ("triangle", 2), 4: ("quad", 2)}
 
 
 def owners(comm, keys, n_keys, first=0):

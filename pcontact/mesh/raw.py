@@ -29,6 +29,9 @@ from pcontact.runtime.jit import njit
 # element types that the program knows, by meshio's names: (cell, degree); quad8, hexahedron20, wedge15 and pyramid13
 # are filled
 KINDS = {name: (CELLS[cell].complete or cell, degree) for (cell, degree), name in MESHIO_NAMES.items()}
+# meshio's names by dimension and number of nodes, and those of what has so many vertices and is lower than a cell
+NAMED = {(CELLS[cell].dim, n_nodes(cell, degree)): name for (cell, degree), name in MESHIO_NAMES.items()}
+LOWER = {1: ("vertex", 0), 2: ("line", 1), 3: ("triangle", 2), 4: ("quad", 2)}
 
 # names of groups without a name, by dimension: "surface_12" is group 12 of dimension 2
 DIMENSION_NAMES = ("point", "curve", "surface", "volume")
@@ -558,13 +561,15 @@ def find_facets(blocks, n_points, vertices):
     return cells[owner], local[owner], multiplicity
 
 
-def facet_vertices(raw, cells, local_facets):
-    """Vertices of facets, by the number of vertices that a facet has.
+def facet_vertices(raw, cells, local_facets, degree=1):
+    """Vertices of facets, or all of their nodes, by the number of vertices that a facet has.
 
     Parameters
     ----------
     raw : RawMesh
     cells, local_facets : ndarray, (n,) int64
+    degree : int
+        2: nodes in the middles, too.
 
     Yields
     ------
@@ -579,7 +584,7 @@ def facet_vertices(raw, cells, local_facets):
         for kind, numbers in facet_kinds(block.cell):
             rows = np.flatnonzero((number == index) & np.isin(local_facets, numbers))
             if len(rows):
-                table = facet_nodes(kind, 1)[local_facets[rows]]
+                table = facet_nodes(kind, degree)[local_facets[rows]]
                 yield rows, block.nodes[(cells[rows] - offsets[index])[:, None], table]
 
 

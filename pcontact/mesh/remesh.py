@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from pcontact.element.reference import CELLS, MESHIO_NAMES, edge_nodes, facet_kinds, facet_nodes
+from pcontact.element.reference import CELLS, MESHIO_NAMES, edge_nodes
 from pcontact.mesh.msh import apart, write_file
-from pcontact.mesh.raw import FileMesh, number_rows
+from pcontact.mesh.raw import NAMED, FileMesh, facet_vertices, number_rows
 from pcontact.runtime import process
 from pcontact.runtime.errors import TOLD, InputError
 from pcontact.runtime.files import GEOMETRIES, require_end, written_aside
@@ -65,12 +65,8 @@ def write_refined(path, raw):
             own = cells[(cells >= first) & (cells < first + len(block.nodes))] - first
             file.groups.setdefault((raw.dim, name), []).append((k, own))
     for name, (cells, local) in raw.facet_groups.items():
-        for block, first in zip(raw.blocks, raw.offsets[:-1], strict=True):
-            inside = (cells >= first) & (cells < first + len(block.nodes))
-            for kind, numbers in facet_kinds(block.cell):
-                rows = inside & np.isin(local, numbers)
-                nodes = block.nodes[(cells[rows] - first)[:, None], facet_nodes(kind, block.degree)[local[rows]]]
-                _add(file, name, raw.dim - 1, MESHIO_NAMES[CELLS[kind].facet, block.degree], nodes)
+        for _, nodes in facet_vertices(raw, cells, local, raw.blocks[0].degree):
+            _add(file, name, raw.dim - 1, NAMED[raw.dim - 1, nodes.shape[1]], nodes)
     for name, edges in raw.edge_groups.items():
         _add(file, name, 1, "line" if raw.blocks[0].degree == 1 else "line3", _lines(raw, edges))
     file.point_groups = {name: nodes for name, nodes in raw.node_groups.items() if name not in raw.edge_groups}

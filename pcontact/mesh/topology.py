@@ -19,7 +19,7 @@ from pcontact.element.reference import CELLS, facet_kinds, facet_nodes, n_nodes,
 from pcontact.element.shape import shape_gradient
 from pcontact.mesh.mesh import Facets
 from pcontact.mesh.plex import owners, told
-from pcontact.mesh.raw import Block, facets_among, find_facets, number_rows
+from pcontact.mesh.raw import Block, facet_vertices, facets_among, find_facets, number_rows
 from pcontact.runtime import log
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.jit import njit
@@ -165,6 +165,17 @@ def _ranges(points, nodes, slopes, low, high, scale):
             low[cell], high[cell] = min(low[cell], det), max(high[cell], det)
 
 
+def _determinants(points, cell, degree, nodes, at):
+    """Least and largest determinant of the map of cells (n,) at places and quadrature points, and their scale."""
+    xi = np.vstack([at, quadrature(cell, 2 * degree)[0]])
+    if degree == 1 and CELLS[cell].is_simplex:
+        xi = xi[:1]  # the map is affine
+    low, high, scale = np.empty((3, len(nodes)))
+    slopes = np.ascontiguousarray(shape_gradient(cell, degree, xi))
+    _ranges(np.ascontiguousarray(points), np.ascontiguousarray(nodes, dtype=np.int64), slopes, low, high, scale)
+    return low, high, scale
+
+
 def jacobians(points, cell, degree, nodes):
     """Smallest determinant of the map of cells (n,) at their nodes and quadrature points.
 
@@ -176,23 +187,13 @@ def jacobians(points, cell, degree, nodes):
         Of the map.
     nodes : ndarray (n, n_nodes)
     """
-    xi = np.vstack([reference_nodes(cell, degree), quadrature(cell, 2 * degree)[0]])
-    if degree == 1 and CELLS[cell].is_simplex:
-        xi = xi[:1]
-    low, high, scale = np.empty((3, len(nodes)))
-    slopes = np.ascontiguousarray(shape_gradient(cell, degree, xi))
-    _ranges(np.ascontiguousarray(points), np.ascontiguousarray(nodes, dtype=np.int64), slopes, low, high, scale)
-    return low
+    return _determinants(points, cell, degree, nodes, reference_nodes(cell, degree))[0]
 
 
 def _senses(points, block):
     """Sense of every cell of a block, from its vertices and quadrature points: (n_cells,) int64."""
-    xi = np.vstack([reference_nodes(block.cell, 1), quadrature(block.cell, 2 * block.degree)[0]])
-    if block.degree == 1 and CELLS[block.cell].is_simplex:
-        xi = xi[:1]  # the map is affine
-    low, high, scale = np.empty((3, len(block.nodes)))
-    slopes = np.ascontiguousarray(shape_gradient(block.cell, block.degree, xi))
-    _ranges(np.ascontiguousarray(points), np.ascontiguousarray(block.nodes), slopes, low, high, scale)
+    vertices = reference_nodes(block.cell, 1)
+    low, high, scale = _determinants(points, block.cell, block.degree, block.nodes, vertices)
     noise = 64.0 * np.finfo(float).eps * scale
     sense = np.full(len(low), MIXED, dtype=np.int64)
     sense[low >= -noise] = POSITIVE
@@ -582,7 +583,8 @@ def cut(raw, name):
         Facets are on the boundary, or not in a plane.
     """
     cells, local = raw.facet_groups[name]
-    nodes = _nodes(raw, cells, local)
+    nodes = [rows.ravel() for _, rows in facet_vertices(raw, cells, local, raw.blocks[0].degree)]
+    nodes = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *nodes]))
     centre, normal, off = plane(raw.points[nodes])
     if off > PLANE:
         raise InputError(f"{raw.path}: section {name!r}: found nodes that are not in a plane; allowed: a plane section")
@@ -623,18 +625,6 @@ def _edges(edges, twin, above):
     moved = np.where(doubled & high.any(axis=1)[:, None], twin[edges], edges)
     within = doubled.all(axis=1)
     return np.concatenate([moved, twin[edges[within]]])
-
-
-def _nodes(raw, cells, local):
-    """Nodes of facets given by the numbers of their cells and their own in these."""
-    found, first = [np.zeros(0, dtype=np.int64)], 0
-    for block in raw.blocks:
-        for kind, numbers in facet_kinds(block.cell):
-            own = (cells >= first) & (cells < first + len(block.nodes)) & np.isin(local, numbers)
-            rows = block.nodes[cells[own] - first]
-            found.append(np.take_along_axis(rows, facet_nodes(kind, block.degree)[local[own]], axis=1).ravel())
-        first += len(block.nodes)
-    return np.unique(np.concatenate(found))
 
 
 def plane(points):

@@ -19,7 +19,7 @@ import numpy as np
 
 from pcontact.element.reference import CELLS, edge_nodes, face_nodes
 from pcontact.mesh.geometry.belonging import NONE, belonging, opened
-from pcontact.mesh.refinement.simplices import BASE, HALF, LINEAR, middle_key
+from pcontact.mesh.refinement.simplices import BASE, HALF, LINEAR, interpolate, middle_key
 from pcontact.mesh.refinement.simplices import place as find
 from pcontact.mesh.topology import jacobians, mixed
 from pcontact.runtime import log
@@ -287,21 +287,6 @@ def _trace(kind, parents, first, between, generation):
         generation[s] = last + 1 if s >= first else 0
 
 
-@njit_exact
-def _follow(nodes, kind, parents, steps):
-    """Steps of nodes from those of their parents, by the formulas of `pcontact.mesh.refinement.simplices`."""
-    p = parents
-    for s in nodes:
-        for i in range(steps.shape[1]):
-            if kind[s] == BASE:
-                steps[s, i] = 0.5 * (steps[p[s, 0], i] + steps[p[s, 1], i])
-            elif kind[s] == HALF:
-                steps[s, i] = 0.375 * steps[p[s, 0], i] + 0.75 * steps[p[s, 1], i] - 0.125 * steps[p[s, 2], i]
-            else:
-                ends, sides = steps[p[s, 0], i] + steps[p[s, 1], i], steps[p[s, 3], i] + steps[p[s, 4], i]
-                steps[s, i] = -0.125 * ends + 0.25 * steps[p[s, 2], i] + 0.5 * sides
-
-
 def placed(base, forest):
     """Places (n, d) of the nodes of a forest on the geometry of its base. *Collective.*"""
     nodes, n, first, straight = forest.nodes, forest.n_nodes, forest.base_nodes, forest.rule == LINEAR
@@ -319,7 +304,7 @@ def placed(base, forest):
     generations = np.split(order, np.cumsum(np.bincount(generation))[:-1])[1:]
 
     def follow(some, steps):
-        _follow(some, kind, parents, steps)
+        interpolate(some, kind, parents, steps)
 
     def parents_of(flags):
         result, rows = np.zeros_like(flags), np.flatnonzero(flags[first:]) + first

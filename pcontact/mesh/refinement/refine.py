@@ -31,7 +31,7 @@ from pcontact.mesh.refinement.numbering import (
     to_base,
     values_by_key,
 )
-from pcontact.mesh.refinement.simplices import WISHED, Forest, Wishes, interpolate, opposite
+from pcontact.mesh.refinement.simplices import BASE, LINEAR, WISHED, Forest, Wishes, interpolate, opposite
 from pcontact.mesh.slices import COLUMN, MeshSlice, SliceBlock, bits, has_bit
 from pcontact.mesh.topology import mixed
 from pcontact.runtime import profile
@@ -335,7 +335,9 @@ def _carried(exchanger, mesh, origin, forest, fields):
     else:
         known[:], found = values_by_key(exchanger, origin.keys, old.view(np.int64), nodes.key[:n])
         values[:] = np.ascontiguousarray(found).view(np.float64)
-    interpolate(nodes, n, known, forest.rule, values)
+    # the values of nodes of degree 1 are those between the ends of the edges in whose middles they are
+    kind = np.full_like(nodes.kind, BASE) if forest.rule == LINEAR else nodes.kind
+    interpolate(np.flatnonzero(~known), kind, nodes.parents, values)
     return values
 
 

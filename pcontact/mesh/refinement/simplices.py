@@ -469,16 +469,14 @@ def base_middles(nodes, cells, table, edges, count, given):
 
 
 @njit_exact
-def interpolate(nodes, n, known, rule, values):
-    """Values (n, k) of a field at nodes where they are not known yet, in the order in which the nodes were made."""
-    p, width = nodes.parents, values.shape[1]
-    for s in range(n):
-        if known[s]:
-            continue
-        for i in range(width):
-            if rule == LINEAR or nodes.kind[s] == BASE:
+def interpolate(nodes, kind, parents, values):
+    """Values (n, k) of a field at some nodes, each after its parents, from those at these."""
+    p = parents
+    for s in nodes:
+        for i in range(values.shape[1]):
+            if kind[s] == BASE:
                 values[s, i] = 0.5 * (values[p[s, 0], i] + values[p[s, 1], i])
-            elif nodes.kind[s] == HALF:
+            elif kind[s] == HALF:
                 values[s, i] = 0.375 * values[p[s, 0], i] + 0.75 * values[p[s, 1], i] - 0.125 * values[p[s, 2], i]
             else:
                 ends, sides = values[p[s, 0], i] + values[p[s, 1], i], values[p[s, 3], i] + values[p[s, 4], i]
