@@ -38,29 +38,17 @@ from pcontact.runtime import log, profile
 from pcontact.runtime.errors import TOLD, input_error
 from pcontact.runtime.parallel import together
 from pcontact.runtime.petsc import MPI, PETSc
-from pcontact.scene import (
-    amplitude,
-    amplitude_of,
-    check_apart,
-    check_dimension,
-    check_lost,
-    check_radius,
-    check_regions,
-    require_no_code,
-    resolve_contacts,
-    validate,
-)
-from pcontact.scene.amplitude import Squared
+from pcontact.scene.amplitude import Squared, amplitude, amplitude_of
 from pcontact.scene.expressions import Condition
-from pcontact.scene.functions import Prescribed
+from pcontact.scene.functions import Prescribed, require_no_code
 from pcontact.scene.integrators import INTEGRATORS
 from pcontact.scene.keys import options as key_options
 from pcontact.scene.model import LOCKING, POOR, RUBBER, Contact
 from pcontact.scene.phases import groups_of, left, scene_of
 from pcontact.scene.places import place
-from pcontact.scene.regions import check_region
+from pcontact.scene.regions import check_apart, check_dimension, check_lost, check_radius, check_region, check_regions
 from pcontact.scene.target import Budget, Target
-from pcontact.scene.validate import unsafe
+from pcontact.scene.validate import resolve_contacts, unsafe, validate
 from pcontact.solve.preconditioners import MOST_COLOURS
 from pcontact.solve.problem import Features, Problem
 from pcontact.space.constraints import Equations, PretensionSection, RigidGroup, linear_rows, pair_rows, term_rows

@@ -29,8 +29,8 @@ from pcontact.runtime.files import replace_file
 from pcontact.runtime.options import Options
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
-from pcontact.scene import read_scene
 from pcontact.scene.amplitude import LOOKS, amplitude, corners
+from pcontact.scene.reader import read_scene
 from pcontact.scene.schema import schema
 from pcontact.scene.validate import check_masses
 from pcontact.simulation import Simulation

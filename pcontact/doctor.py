@@ -15,7 +15,7 @@ from pcontact.runtime import log
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import MPI, has_package
 from pcontact.runtime.petsc import version as petsc_version
-from pcontact.scene import read_scene
+from pcontact.scene.reader import read_scene
 from pcontact.simulation import Simulation
 from pcontact.view import extra
 

@@ -25,7 +25,8 @@ from pcontact.runtime import log
 from pcontact.runtime.errors import input_error
 from pcontact.runtime.parallel import agree, on_root, together
 from pcontact.runtime.petsc import MPI
-from pcontact.scene import amplitude, obstacle_functions
+from pcontact.scene.amplitude import amplitude
+from pcontact.scene.functions import obstacle_functions
 from pcontact.scene.model import OUTER
 from pcontact.scene.validate import unsafe
 from pcontact.space.modes import component_boxes, join, near_pairs

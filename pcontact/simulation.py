@@ -32,8 +32,8 @@ from pcontact.runtime.lock import reserved
 from pcontact.runtime.options import Options
 from pcontact.runtime.petsc import MPI, free_garbage
 from pcontact.runtime.presets import Choice
-from pcontact.scene import describe
 from pcontact.scene.amplitude import corners, drive
+from pcontact.scene.describe import describe
 from pcontact.scene.phases import come_and_go, phase_at, scene_of, spans
 from pcontact.scene.validate import check_degrees
 from pcontact.solve.newton import Newton

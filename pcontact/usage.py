@@ -24,8 +24,8 @@ from pcontact.runtime.declared import (
     listed,
 )
 from pcontact.runtime.errors import InputError
-from pcontact.scene import Contact, MeshSpec, Output, Scene, Steps
 from pcontact.scene.keys import options as key_options
+from pcontact.scene.model import Contact, MeshSpec, Output, Scene, Steps
 from pcontact.scene.target import Budget, Target
 
 PETSC_HELP = """\

@@ -18,7 +18,7 @@ from pcontact.runtime import kernel_cache, log
 from pcontact.runtime.errors import InputError, OutputError
 from pcontact.runtime.files import replace_file
 from pcontact.runtime.process import environment_outside
-from pcontact.scene import read_scene
+from pcontact.scene.reader import read_scene
 from pcontact.simulation import Simulation
 
 # examples that have most to compile: they come first, each in a process of its own

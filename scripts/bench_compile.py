@@ -19,7 +19,7 @@ os.environ["NUMBA_CACHE_DIR"] = CACHE.name
 from numba.core import event  # noqa: E402
 
 from pcontact.runtime import log  # noqa: E402
-from pcontact.scene import read_scene  # noqa: E402
+from pcontact.scene.reader import read_scene  # noqa: E402
 from pcontact.simulation import Simulation  # noqa: E402
 
 

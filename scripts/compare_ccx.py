@@ -31,7 +31,7 @@ from pcontact.importer.steps import PROCEDURES, Presence
 from pcontact.importer.translate import LIST, SCENE, Findings, import_file
 from pcontact.io.result import load_result
 from pcontact.runtime.errors import InputError
-from pcontact.scene import read_scene
+from pcontact.scene.reader import read_scene
 
 WIDTH = 12  # letters of a number in a .frd file
 HEAD = ["deck", "what is in it", "imported", "runs", "difference", "refined", "remark"]

@@ -36,8 +36,8 @@ from pcontact.estimate.goal import value
 from pcontact.runtime.errors import InputError, SolverError, StepFailure
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
-from pcontact.scene import validate
 from pcontact.scene.target import LARGEST, QUANTITIES, Budget, Target
+from pcontact.scene.validate import validate
 
 COLUMNS = ("seed", "kind", "of", "target", "ended", "named", "true", "reference", "unknowns", "passes", "seconds",
            "cost")  # fmt: skip

@@ -5,9 +5,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from pcontact.runtime.errors import InputError
-from pcontact.scene import validate
 from pcontact.scene.keys import options as key_options
 from pcontact.scene.target import BEST, Budget, Target
+from pcontact.scene.validate import validate
 
 # free memory that a run may take, where the user does not say
 FREE = 0.8

@@ -22,7 +22,7 @@ from pcontact.assembly.item import ActiveSet, Item
 from pcontact.contact.law import FrictionLaw, add_law
 from pcontact.material.laws import add_material
 from pcontact.material.point_law import PointLaw
-from pcontact.scene import (
+from pcontact.scene.model import (
     Body,
     Contact,
     Coupling,

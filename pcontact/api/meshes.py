@@ -20,7 +20,7 @@ from pcontact.mesh.raw import KINDS, LOWER, FileMesh, Table, number_rows
 from pcontact.mesh.read import read_file
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import on_root
-from pcontact.scene import MeshSpec
+from pcontact.scene.model import MeshSpec
 
 _folder: list[Path] = []
 

@@ -11,7 +11,9 @@ from pcontact.api.meshes import mesh_from, own_folder
 from pcontact.api.tables import Named, Tables
 from pcontact.io.examples import write_template
 from pcontact.runtime.errors import InputError
-from pcontact.scene import Body, Contact, Material, MeshSpec, Obstacle, Output, Steps, model, read_scene, scene_from
+from pcontact.scene import model
+from pcontact.scene.model import Body, Contact, Material, MeshSpec, Obstacle, Output, Steps
+from pcontact.scene.reader import read_scene, scene_from
 
 _TABLES, _OPTIONAL = {**model.LIST_TABLES}, {**model.OPTIONAL_TABLES}
 

@@ -21,7 +21,7 @@ from pcontact.runtime.errors import InputError
 from pcontact.runtime.files import Damaged, Hdf5Aside, make_directory, verify
 from pcontact.runtime.observer import Observer
 from pcontact.runtime.parallel import aside_of_root, take_rows, together, write_rows
-from pcontact.scene import differences, physics_so_far
+from pcontact.scene.describe import differences, physics_so_far
 from pcontact.scene.model import OUTER
 from pcontact.scene.places import groups_named, tables
 

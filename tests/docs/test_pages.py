@@ -12,9 +12,17 @@ from drivers._common import running
 from drivers.gallery import make as gallery
 from meshes.__main__ import main as write_mesh
 from pcontact.io.names import known
-from pcontact.scene import Contact, Material, Obstacle, Scene
 from pcontact.scene.keys import keys
-from pcontact.scene.model import HEADERS, LIST_TABLES, OPTIONAL_TABLES, SINGLE_TABLES
+from pcontact.scene.model import (
+    HEADERS,
+    LIST_TABLES,
+    OPTIONAL_TABLES,
+    SINGLE_TABLES,
+    Contact,
+    Material,
+    Obstacle,
+    Scene,
+)
 from pcontact.scene.reader import read_scene
 from pcontact.scene.target import Budget, Target
 from pcontact.usage import COMMANDS, run_options

@@ -10,7 +10,7 @@ from drivers.studies._against import ROOT, against, compared, measure, show, sum
 from drivers.studies._press import CASES, make_scene
 from meshes import ball_on_block
 from pcontact.runtime.errors import InputError
-from pcontact.scene import scene_from
+from pcontact.scene.reader import scene_from
 
 
 def run(solve, linear=1.0, search=0.0):

@@ -8,7 +8,7 @@ import pytest
 from drivers.studies import random_errors
 from drivers.studies._random_scenes import drawn
 from drivers.studies.random_errors import deep, made
-from pcontact.scene import validate
+from pcontact.scene.validate import validate
 
 
 @pytest.mark.parametrize("seed", range(12))

@@ -21,7 +21,7 @@ from pcontact.runtime import log
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.observer import Observer
 from pcontact.runtime.petsc import MPI, PETSc
-from pcontact.scene import read_scene
+from pcontact.scene.reader import read_scene
 from pcontact.simulation import Simulation
 
 WORLD = MPI.COMM_WORLD

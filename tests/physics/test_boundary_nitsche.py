@@ -18,7 +18,7 @@ from pcontact.element.shape import shape, shape_gradient
 from pcontact.material.elastic import in_plane, lame
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
-from pcontact.scene import amplitude
+from pcontact.scene.amplitude import amplitude
 from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Obstacle, Output, Scene
 from pcontact.simulation import Simulation
 

@@ -17,7 +17,7 @@ from pcontact.element.trace import trace_constant
 from pcontact.material.elastic import in_plane, lame
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import MPI
-from pcontact.scene import amplitude, read_scene
+from pcontact.scene.amplitude import amplitude
 from pcontact.scene.model import (
     Body,
     Contact,
@@ -31,6 +31,7 @@ from pcontact.scene.model import (
     Scene,
     Spring,
 )
+from pcontact.scene.reader import read_scene
 from pcontact.simulation import Simulation
 from pcontact.space.space import Space
 from tests.support.kinematics import DIRECT, INNER, NU, OUTER, PRESSURE, E, cylinder, mesh, nodal, solved, strip

@@ -20,8 +20,9 @@ from pcontact.element.shape import shape
 from pcontact.material.elastic import lame
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import MPI
-from pcontact.scene import amplitude, validate
+from pcontact.scene.amplitude import amplitude
 from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Obstacle, Output, Scene
+from pcontact.scene.validate import validate
 from pcontact.simulation import Simulation
 from pcontact.space.space import Space
 from tests.support.kinematics import DIRECT, cylinder, mesh, nodal, solved, strip

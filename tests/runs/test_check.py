@@ -5,7 +5,7 @@ import pytest
 from meshes import two_blocks
 from pcontact.cli import check_scene
 from pcontact.runtime import log
-from pcontact.scene import Body, Contact, Displacement, Load, Material, MeshSpec, Obstacle, Output, Scene
+from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Obstacle, Output, Scene
 
 GAP = 0.7
 

@@ -5,7 +5,7 @@ import pytest
 
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import MPI
-from pcontact.scene import describe
+from pcontact.scene.describe import describe
 from pcontact.scene.model import (
     Body,
     Displacement,

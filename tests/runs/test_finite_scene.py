@@ -15,8 +15,9 @@ from pcontact.contact.pair import ContactPair
 from pcontact.io.result import load_result
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import MPI
-from pcontact.scene import describe, read_scene
+from pcontact.scene.describe import describe
 from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Output, Scene, Steps
+from pcontact.scene.reader import read_scene
 from pcontact.simulation import Simulation
 from pcontact.view.quantity import available
 from tests.support.bad_input import INNER

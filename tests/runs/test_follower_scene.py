@@ -6,7 +6,7 @@ import pytest
 from meshes import one_block
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import MPI
-from pcontact.scene import describe
+from pcontact.scene.describe import describe
 from pcontact.scene.model import Body, Displacement, Load, Material, MeshSpec, Output, Scene, Steps
 from pcontact.simulation import Simulation
 from tests.support.restarts import STOP, Keep, run

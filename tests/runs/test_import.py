@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from pcontact.runtime.errors import InputError
-from pcontact.scene import read_scene
 from pcontact.scene.model import Displacement
+from pcontact.scene.reader import read_scene
 from tests.support.commands import execute
 from tests.support.decks import BLOCKS, BRICK, PAIR, STEEL, bricks, imported, solved
 

@@ -27,8 +27,8 @@ from pcontact.runtime.errors import InputError
 from pcontact.runtime.options import Options
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI, PETSc, own_options
-from pcontact.scene import read_scene
 from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Output, Scene, Steps
+from pcontact.scene.reader import read_scene
 from pcontact.scene.target import Budget, Target
 from pcontact.simulation import Simulation
 from pcontact.solve.linear import Reuse

@@ -20,8 +20,10 @@ from pcontact.runtime.errors import InputError
 from pcontact.runtime.observer import Observer
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
-from pcontact.scene import describe, read_scene, validate
+from pcontact.scene.describe import describe
 from pcontact.scene.model import Body, Displacement, Material, MeshSpec, Output, Scene
+from pcontact.scene.reader import read_scene
+from pcontact.scene.validate import validate
 from pcontact.simulation import Simulation
 from pcontact.space.space import Space
 from pcontact.view.quantity import available, find

@@ -20,7 +20,7 @@ from pcontact.runtime.errors import InputError, OutputError
 from pcontact.runtime.lock import NAME, reserved
 from pcontact.runtime.observer import Observer
 from pcontact.runtime.petsc import MPI
-from pcontact.scene import read_scene
+from pcontact.scene.reader import read_scene
 from pcontact.simulation import Simulation
 from tests.support.bad_input import SCENE, Case, mesh_text
 from tests.support.commands import ENDLESS, LATE, ROOT, TIMEOUT, check_line, check_whole, environment, execute, lay_out

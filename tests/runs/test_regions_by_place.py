@@ -10,7 +10,7 @@ from meshes import two_blocks
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
-from pcontact.scene import Body, Contact, Displacement, Material, MeshSpec, Output, Region, Scene
+from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Output, Region, Scene
 from pcontact.simulation import Simulation
 
 WORLD = MPI.COMM_WORLD

@@ -10,7 +10,7 @@ from pcontact.io.report import read_report
 from pcontact.io.result import load_result
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI, PETSc
-from pcontact.scene import Body, Contact, Displacement, Material, MeshSpec, Obstacle, Output, Scene, Steps
+from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Obstacle, Output, Scene, Steps
 from pcontact.simulation import Simulation
 
 WORLD = MPI.COMM_WORLD

@@ -4,7 +4,7 @@ import numpy as np
 
 from pcontact.importer.translate import import_file
 from pcontact.runtime.petsc import MPI
-from pcontact.scene import read_scene
+from pcontact.scene.reader import read_scene
 from pcontact.simulation import Simulation
 
 SELF = MPI.COMM_SELF

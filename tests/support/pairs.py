@@ -9,7 +9,7 @@ from pcontact.contact.surface.obstacle import RigidObstacle
 from pcontact.contact.surface.sides import source_surface, target_surface
 from pcontact.material.elastic import lame
 from pcontact.runtime.petsc import MPI
-from pcontact.scene import amplitude
+from pcontact.scene.amplitude import amplitude
 from pcontact.scene.model import Contact, Obstacle
 from tests.support.laws import LAWS, limit_of
 from tests.support.small import dense_item, keys, vector_of

@@ -12,7 +12,7 @@ from pcontact.material.elastic import Elastic, lame
 from pcontact.material.hardening import hardening_curve, hardening_table
 from pcontact.material.mandel import add_elastic_tangent, elastic_stress
 from pcontact.material.plastic import Plastic, VonMises, flows, plastic_constants, return_map
-from pcontact.scene import amplitude
+from pcontact.scene.amplitude import amplitude
 from pcontact.scene.model import Body, Displacement, Load, Material, MeshSpec, Output, Scene, Steps
 from tests.support.kinematics import DIRECT, mesh
 from tests.support.pairs import farthest, phases, residual_of

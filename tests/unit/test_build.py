@@ -6,7 +6,7 @@ from pcontact.build import override
 from pcontact.runtime.options import Options
 from pcontact.runtime.petsc import PETSc
 from pcontact.runtime.presets import Choice
-from pcontact.scene import Body, Material, MeshSpec, Output, Scene
+from pcontact.scene.model import Body, Material, MeshSpec, Output, Scene
 
 
 def scene(**output):

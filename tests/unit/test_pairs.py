@@ -8,7 +8,7 @@ from meshes import c_strip, one_block, thick_cylinder
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
-from pcontact.scene import Body, Contact, Displacement, Material, MeshSpec, Output, Scene
+from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Output, Scene
 from pcontact.simulation import Simulation
 
 WORLD = MPI.COMM_WORLD

@@ -7,8 +7,8 @@ from pcontact.adapt.passes import wanted
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.options import Options
 from pcontact.runtime.petsc import own_options
-from pcontact.scene import Contact, read_scene
-from pcontact.scene.model import Coupling, Load, Temperature
+from pcontact.scene.model import Contact, Coupling, Load, Temperature
+from pcontact.scene.reader import read_scene
 from pcontact.scene.target import Target
 from tests.support.bad_input import SCENE, mesh_text
 

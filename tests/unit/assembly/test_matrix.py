@@ -13,7 +13,7 @@ from pcontact.contact.pair import contact_pair
 from pcontact.contact.surface.sides import source_surface, target_surface
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import MPI, PETSc
-from pcontact.scene import amplitude
+from pcontact.scene.amplitude import amplitude
 from pcontact.scene.model import Contact, Displacement
 from pcontact.solve.problem import Problem
 from pcontact.space.modes import floating, near_null_space, rigid_modes

@@ -6,7 +6,7 @@ import pytest
 from pcontact.assembly.matrix import ConstrainedMatrix, GlobalMatrix
 from pcontact.assembly.operator import Operator
 from pcontact.runtime.petsc import MPI, PETSc
-from pcontact.scene import amplitude
+from pcontact.scene.amplitude import amplitude
 from pcontact.scene.model import Displacement
 from pcontact.space.supports import Supports
 from tests.support.small import blocks_file, elastic_solid, make_space

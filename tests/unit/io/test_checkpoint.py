@@ -14,8 +14,10 @@ from pcontact.runtime.errors import InputError
 from pcontact.runtime.files import BLOCK, Damaged, append_checksums, verify
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI, PETSc
-from pcontact.scene import differences, physics, read_scene, resolve_contacts
+from pcontact.scene.describe import differences, physics
 from pcontact.scene.model import Contact, Obstacle
+from pcontact.scene.reader import read_scene
+from pcontact.scene.validate import resolve_contacts
 from pcontact.simulation import Simulation
 from tests.support.bad_input import CELLS, FACETS, NODES, SCENE, mesh_text
 from tests.support.restarts import run

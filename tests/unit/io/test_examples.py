@@ -5,7 +5,7 @@ import pytest
 from pcontact.io import examples
 from pcontact.io.examples import lay_out
 from pcontact.runtime.errors import InputError
-from pcontact.scene import read_scene
+from pcontact.scene.reader import read_scene
 
 
 def test_what_is_there_already_stays(tmp_path):

@@ -15,7 +15,7 @@ from pcontact.io.names import FIELDS, known
 from pcontact.io.result import load_result
 from pcontact.io.snapshot import facet_status
 from pcontact.runtime.errors import InputError
-from pcontact.scene import read_scene
+from pcontact.scene.reader import read_scene
 from pcontact.simulation import Simulation
 from tests.support.bad_input import FACETS, SCENE, mesh_text
 from tests.support.pieces import CUBE, stack_piece, stretch

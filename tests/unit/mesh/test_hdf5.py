@@ -17,7 +17,7 @@ from pcontact.runtime.errors import InputError
 from pcontact.runtime.options import Options
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
-from pcontact.scene import read_scene
+from pcontact.scene.reader import read_scene
 from pcontact.simulation import Simulation
 from tests.support.bad_input import CELLS, FACETS, INNER, NAMES, NODES, SCENE, Case, mesh_text, swapped
 from tests.support.blocks import scene_of

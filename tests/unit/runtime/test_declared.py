@@ -17,9 +17,9 @@ from pcontact.runtime.errors import InputError
 from pcontact.runtime.options import Options
 from pcontact.runtime.petsc import PETSc, own_options
 from pcontact.runtime.rules import POSITIVE, choice
-from pcontact.scene import Contact, Material, Obstacle, Pretension, Scene, Steps, read_scene, scene_from
 from pcontact.scene.keys import keys
-from pcontact.scene.model import HEADERS, RENAMED, Body
+from pcontact.scene.model import HEADERS, RENAMED, Body, Contact, Material, Obstacle, Pretension, Scene, Steps
+from pcontact.scene.reader import read_scene, scene_from
 from pcontact.scene.schema import schema
 from pcontact.scene.target import Budget, Target
 from pcontact.usage import COMMANDS, parse, run_options, usage

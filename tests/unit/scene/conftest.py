@@ -2,7 +2,7 @@
 
 import pytest
 
-from pcontact.scene import read_scene
+from pcontact.scene.reader import read_scene
 from tests.support.scenes import FULL
 
 

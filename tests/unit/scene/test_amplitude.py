@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pcontact.scene import amplitude
+from pcontact.scene.amplitude import amplitude
 
 
 def test_amplitude_table():

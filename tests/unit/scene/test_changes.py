@@ -4,8 +4,8 @@ import pytest
 
 from pcontact.cli import parse, usage
 from pcontact.runtime.errors import InputError
-from pcontact.scene import read_scene
 from pcontact.scene.changes import assigned
+from pcontact.scene.reader import read_scene
 
 SCENE = """
 [mesh]

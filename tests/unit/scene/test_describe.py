@@ -2,7 +2,8 @@
 
 import dataclasses
 
-from pcontact.scene import describe, read_scene
+from pcontact.scene.describe import describe
+from pcontact.scene.reader import read_scene
 from tests.support.scenes import PLAIN
 
 

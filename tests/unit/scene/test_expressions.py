@@ -10,8 +10,8 @@ from meshes import one_block
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
-from pcontact.scene import obstacle_functions
 from pcontact.scene.expressions import FUNCTIONS, Condition, Expression
+from pcontact.scene.functions import obstacle_functions
 from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Obstacle, Output, Scene, Steps
 from pcontact.simulation import Simulation
 

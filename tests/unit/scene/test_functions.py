@@ -4,18 +4,10 @@ import numpy as np
 import pytest
 
 from pcontact.runtime.errors import InputError
-from pcontact.scene import (
-    Body,
-    Contact,
-    Material,
-    MeshSpec,
-    Obstacle,
-    Scene,
-    obstacle_functions,
-    read_scene,
-    require_no_code,
-    validate,
-)
+from pcontact.scene.functions import obstacle_functions, require_no_code
+from pcontact.scene.model import Body, Contact, Material, MeshSpec, Obstacle, Scene
+from pcontact.scene.reader import read_scene
+from pcontact.scene.validate import validate
 from tests.support.scenes import LEVEL_SET
 
 

@@ -7,22 +7,10 @@ import numpy as np
 import pytest
 
 from pcontact.runtime.errors import InputError
-from pcontact.scene import (
-    Body,
-    Contact,
-    Displacement,
-    Load,
-    Material,
-    MeshSpec,
-    Obstacle,
-    Output,
-    Scene,
-    Steps,
-    describe,
-    read_scene,
-    resolve_contacts,
-    validate,
-)
+from pcontact.scene.describe import describe
+from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Obstacle, Output, Scene, Steps
+from pcontact.scene.reader import read_scene
+from pcontact.scene.validate import resolve_contacts, validate
 from tests.support.scenes import FULL, PLAIN, value_cases
 
 

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from pcontact.runtime.errors import InputError
-from pcontact.scene import Body, Material, MeshSpec, Scene, check_dimension, check_regions, read_scene
+from pcontact.scene.model import Body, Material, MeshSpec, Scene
+from pcontact.scene.reader import read_scene
+from pcontact.scene.regions import check_dimension, check_regions
 from tests.support.scenes import FULL, PLAIN
 
 CELLS = {"block": np.arange(4), "ball": np.arange(4, 9), "lonely": np.arange(9, 10)}

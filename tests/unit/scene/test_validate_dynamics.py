@@ -3,9 +3,11 @@
 import pytest
 
 from pcontact.runtime.errors import InputError
-from pcontact.scene import describe, resolve_contacts, scene_from, validate
+from pcontact.scene.describe import describe
 from pcontact.scene.integrators import INTEGRATORS
 from pcontact.scene.phases import scene_of
+from pcontact.scene.reader import scene_from
+from pcontact.scene.validate import resolve_contacts, validate
 
 
 def scene(folder, **more):

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from pcontact.scene import read_scene
+from pcontact.scene.reader import read_scene
 from pcontact.scene.writer import tables_of, text
 
 EXAMPLES = sorted(Path(__file__).parents[3].glob("drivers/examples/*.toml"))

@@ -17,7 +17,7 @@ from pcontact.pairs import pair_of
 from pcontact.runtime.observer import Observer
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI, PETSc
-from pcontact.scene import amplitude
+from pcontact.scene.amplitude import amplitude
 from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Obstacle, Output, Scene, Steps
 from pcontact.simulation import Simulation
 from tests.support.blocks import DEPTH, POISSON, TIGHT, YOUNG, made, pressed

@@ -7,7 +7,7 @@ from pcontact.contact.pair import contact_pair
 from pcontact.contact.surface.obstacle import RigidObstacle
 from pcontact.contact.surface.sides import source_surface, target_surface
 from pcontact.material.elastic import lame
-from pcontact.scene import amplitude
+from pcontact.scene.amplitude import amplitude
 from pcontact.scene.model import Contact, Obstacle
 from tests.support.small import (
     DIMENSION,

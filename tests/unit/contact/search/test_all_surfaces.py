@@ -12,8 +12,9 @@ from pcontact.mesh.topology import components, once
 from pcontact.pairs import OUTER
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import MPI
-from pcontact.scene import describe, validate
+from pcontact.scene.describe import describe
 from pcontact.scene.model import Body, Contact, Displacement, Load, Obstacle
+from pcontact.scene.validate import validate
 from pcontact.simulation import Simulation
 from pcontact.solve.preconditioners import rigid_motions
 from pcontact.space.modes import near_pairs

@@ -15,7 +15,7 @@ from pcontact.runtime import log
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import Exchanger
 from pcontact.runtime.petsc import MPI
-from pcontact.scene import read_scene
+from pcontact.scene.reader import read_scene
 from pcontact.simulation import Simulation
 from tests.support.bad_input import SCENE, mesh_text
 from tests.support.small import DIMENSION, blocks_file

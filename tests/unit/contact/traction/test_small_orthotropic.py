@@ -9,7 +9,7 @@ from pcontact.contact.surface.obstacle import RigidObstacle
 from pcontact.contact.surface.sides import source_surface, target_surface
 from pcontact.material.elastic import Elastic, in_plane, lame
 from pcontact.pairs import pair_of
-from pcontact.scene import amplitude
+from pcontact.scene.amplitude import amplitude
 from pcontact.scene.model import Contact
 from pcontact.space.space import Space
 from tests.support.orthotropic import SKEW, isotropic, law_of, plane_axes
