@@ -1,6 +1,5 @@
 """One run: scene -> mesh -> space -> items -> stepper -> observers."""
 
-import difflib
 import gc
 import time as clock
 from contextlib import nullcontext
@@ -25,7 +24,7 @@ from pcontact.mesh.mesh import bounding_box
 from pcontact.mesh.plex import view
 from pcontact.mesh.topology import Numbers
 from pcontact.runtime import compiling, log, process, profile
-from pcontact.runtime.errors import TOLD, StepFailure, Stopped
+from pcontact.runtime.errors import TOLD, StepFailure, Stopped, nearby
 from pcontact.runtime.jit import CALLS
 from pcontact.runtime.kernel_cache import tell_uncached
 from pcontact.runtime.lock import reserved
@@ -476,11 +475,8 @@ class Simulation:
             Names that there are beside those which this run has asked for.
         """
         # a default that found no use (of a preconditioner that the user replaced) is not the user's mistake
-        lines = []
-        for name in self.options.unused([*ours, *self.newton.applied, *self.accuracy.chosen]):
-            near = difflib.get_close_matches(name, {*self.options.known, *others}, 1)
-            lines.append(f"option -{name} was not used" + (f"; the nearest is -{near[0]}" if near else ""))
-        return lines
+        known, ours = {*self.options.known, *others}, [*ours, *self.newton.applied, *self.accuracy.chosen]
+        return [f"option -{name} was not used{nearby(name, known, '-{}'.format)}" for name in self.options.unused(ours)]
 
     def free(self):
         """Give what the run has of PETSc and MPI back: it cannot go on. *Collective.*

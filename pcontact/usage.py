@@ -1,6 +1,5 @@
 """The words of the command line: commands, what ``--help`` says, and what was asked for. Without the solver."""
 
-import difflib
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -23,7 +22,7 @@ from pcontact.runtime.declared import (
     help_lines,
     listed,
 )
-from pcontact.runtime.errors import InputError
+from pcontact.runtime.errors import InputError, nearby
 from pcontact.scene.keys import options as key_options
 from pcontact.scene.model import Contact, MeshSpec, Output, Scene, Steps
 from pcontact.scene.target import Budget, Target
@@ -155,9 +154,8 @@ def parse(arguments):
         return "help", None, {}
     command, rest = arguments[0], list(arguments[1:])
     if command not in COMMANDS:
-        near = difflib.get_close_matches(command, COMMANDS, 1)
-        hint = f"; the nearest is {near[0]!r}" if near else ""
-        raise InputError(f"command line: found {command!r}; allowed: {', '.join(COMMANDS)}{hint}")
+        allowed = f"{', '.join(COMMANDS)}{nearby(command, COMMANDS)}"
+        raise InputError(f"command line: found {command!r}; allowed: {allowed}")
     options, operand = {}, None
     while rest:
         word = rest.pop(0)

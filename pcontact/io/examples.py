@@ -2,7 +2,6 @@
 ``drivers/examples``, which lie in the repository beside the program, and their heads.
 """
 
-import difflib
 import re
 import shlex
 import shutil
@@ -14,65 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact.mesh.msh import write_msh
-from pcontact.runtime.errors import InputError
+from pcontact.runtime.errors import InputError, nearby
 from pcontact.runtime.files import make_directory, replace_file
 from pcontact.runtime.process import environment_outside
-
-_SCENE = """\
-# A block is pressed on another one and drawn along it, with friction. Plane strain; units of your own: N, mm, MPa here.
-#
-#     pcontact check {name}/scene.toml                       what is modelled, nothing is solved
-#     pcontact run {name}/scene.toml -o {name}/results          a few seconds (the first run compiles, half a minute)
-#     pcontact view {name}/results                           the contact pressure
-#     pcontact plot {name}/results time contacts.foot.force_x
-#
-# All keys: `pcontact schema` lists them for editors, docs/scene.md explains them.
-title = "{name}"
-
-[mesh]
-file = "blocks.msh"                # beside this file; .msh of gmsh, or any format that meshio reads
-# order = 2                        # degree of the displacement, on a mesh of degree 2
-
-[materials.steel]
-E = 210e3                          # Young's modulus
-nu = 0.3                           # Poisson's ratio
-# yield_stress = 250               # with this steel yields
-# hardening = 1000
-
-[[bodies]]
-region = "lower"                   # a named group of cells (gmsh: physical group)
-material = "steel"
-
-[[bodies]]
-region = "upper"
-material = "steel"
-
-[[contacts]]
-name = "foot"
-surfaces = ["lower_top", "upper_bottom"]    # named groups of facets that may touch
-friction = 0.2                     # Coulomb's coefficient; leave it out for contact without friction
-
-[[displacements]]
-region = "lower_bottom"
-value = [0, 0]                     # held
-
-[[displacements]]
-region = "upper_top"
-value = ["free", -0.005]           # pressed down by 0.005 in the first half
-amplitude = [[0, 0], [1, 1], [2, 1]]
-
-[[displacements]]
-region = "upper_top"
-value = [0.004, "free"]            # and drawn along in the second
-amplitude = [[0, 0], [1, 0], [2, 1]]
-
-[steps]
-end = 2                            # the run goes from time 0 to this
-count = 8                          # load steps; they are cut where Newton's method does not converge
-
-[output]
-energy = true                      # works and what became of them, in report.json and history.csv
-"""
 
 _HEAD = """\
 # The commands below are typed in this directory; the one that makes the mesh needs gmsh (pip install gmsh).
@@ -108,7 +51,8 @@ def write_template(name):
     """
     folder = _made(name)
     _write_mesh(folder / "blocks.msh")
-    replace_file(folder / "scene.toml", _SCENE.format(name=name))
+    text = Path(__file__).with_name("new.toml").read_text(encoding="utf-8")
+    replace_file(folder / "scene.toml", text.format(name=name))
     return folder / "scene.toml"
 
 
@@ -137,9 +81,8 @@ def write_example(name, example):
     scenes, meshes = _examples()
     names = sorted(path.stem for path in scenes.glob("*.toml"))
     if example not in names:
-        near = difflib.get_close_matches(example, names, 1)
-        hint = f"; the nearest is {near[0]!r}" if near else ""
-        raise InputError(f"command line: -example: found {example!r}; allowed: {', '.join(names)}{hint}")
+        allowed = f"{', '.join(names)}{nearby(example, names)}"
+        raise InputError(f"command line: -example: found {example!r}; allowed: {allowed}")
     folder = _made(name)
     make_directory(folder / "meshes")
     for path in sorted(meshes.glob("*.py")):

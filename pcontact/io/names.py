@@ -36,11 +36,7 @@ STATUS = ("open", "stick", "slip")
 _FINITE, _YIELD, _SMOOTH, _ESTIMATE = "finite strain", "a body may yield", "`smooth = true`", "`estimate = true`"
 _SLIP = "friction, `slip = true`"
 
-FIELDS = (
-    Field("displacement", "nodes", "length", "of the nodes; also on the contact surfaces"),
-    Field("velocity", "nodes", "length / time", "of the nodes", "`[dynamics]`"),
-    Field("acceleration", "nodes", "length / time^2", "of the nodes", "`[dynamics]`"),
-    Field("node_number", "nodes", "", "number of the node in the mesh, from 0", begin=None),
+_AVERAGED = (
     Field("stress", "cells", "stress", "XX, YY, ZZ, XY, YZ, XZ, mean of the cell; with finite strain Cauchy's"),
     Field("equivalent_stress", "cells", "stress", "von Mises' stress of that mean"),
     Field("equivalent_plastic_strain", "cells", "", "accumulated, mean of the cell", _YIELD),
@@ -49,22 +45,19 @@ FIELDS = (
     Field("stretch_2", "cells", "", "middle principal stretch", _FINITE, 1.0),
     Field("stretch_3", "cells", "", "smallest principal stretch", _FINITE, 1.0),
     Field("rotation", "cells", "degrees", "axis times angle", _FINITE),
+)
+FIELDS = (
+    Field("displacement", "nodes", "length", "of the nodes; also on the contact surfaces"),
+    Field("velocity", "nodes", "length / time", "of the nodes", "`[dynamics]`"),
+    Field("acceleration", "nodes", "length / time^2", "of the nodes", "`[dynamics]`"),
+    Field("node_number", "nodes", "", "number of the node in the mesh, from 0", begin=None),
+    *_AVERAGED,
     Field("error_estimate", "cells", "sqrt(energy)", "of the error in the energy norm", _ESTIMATE),
     Field("cell_number", "cells", "", "number of the cell in the mesh, from 0", _ESTIMATE, None),
     Field("body", "cells", "", "number of the body in the scene, from 0", begin=None),
     Field("rank", "cells", "", "which rank has the cell", begin=None),
-    Field("stress_smooth", "nodes", "stress", "`stress`, averaged in each body", _SMOOTH),
-    Field("equivalent_stress_smooth", "nodes", "stress", "`equivalent_stress`, averaged in each body", _SMOOTH),
-    Field("equivalent_plastic_strain_smooth", "nodes", "", "`equivalent_plastic_strain`, averaged in each body",
-          f"{_SMOOTH}, {_YIELD}"),
-    Field("log_strain_smooth", "nodes", "", "`log_strain`, averaged in each body", f"{_SMOOTH}, {_FINITE}"),
-    Field("stretch_1_smooth", "nodes", "", "`stretch_1`, averaged in each body", f"{_SMOOTH}, {_FINITE}",
-          1.0),
-    Field("stretch_2_smooth", "nodes", "", "`stretch_2`, averaged in each body", f"{_SMOOTH}, {_FINITE}",
-          1.0),
-    Field("stretch_3_smooth", "nodes", "", "`stretch_3`, averaged in each body", f"{_SMOOTH}, {_FINITE}",
-          1.0),
-    Field("rotation_smooth", "nodes", "degrees", "`rotation`, averaged in each body", f"{_SMOOTH}, {_FINITE}"),
+    *(one._replace(name=f"{one.name}_smooth", place="nodes", help=f"`{one.name}`, averaged in each body",
+                   when=", ".join(filter(None, [_SMOOTH, one.when]))) for one in _AVERAGED),
     Field("contact_pressure", "facets", "stress", "mean over the facet"),
     Field("gap", "facets", "length", "mean over the facet; negative where bodies overlap", begin=None),
     Field("status", "facets", "", "what most of the closed points do: 0 open, where none is closed, 1 stick, 2 slip"),

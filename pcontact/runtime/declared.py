@@ -6,11 +6,11 @@ follow from the key, see `pcontact.scene.keys`. Those of a run come first, then 
 nor MPI is needed to know them: ``--help`` is quick.
 """
 
-import difflib
+import textwrap
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
-from pcontact.runtime.errors import InputError
+from pcontact.runtime.errors import InputError, nearby
 from pcontact.runtime.rules import (
     ANY_TEXT,
     BOOLEAN,
@@ -143,8 +143,7 @@ def read_all(command: str, options: Mapping[str, Option], words: Mapping[str, st
     """
     for name in words:
         if name not in options:
-            near = difflib.get_close_matches(name, options, 1)
-            hint = f"; the nearest is -{near[0]}" if near else ""
+            hint = nearby(name, options, "-{}".format)
             allowed = ", ".join(f"-{known}" for known in options)
             raise InputError(f"command line: -{name}: no such option of pcontact {command}; allowed: {allowed}{hint}")
     return {name: options[name].read(text) for name, text in words.items()}
@@ -155,17 +154,12 @@ def help_lines(options: Iterable[Option], column: int = 51, width: int = 120) ->
     lines = []
     for option in options:
         default = f" ({option.otherwise or shown(option.default)})" if _has_default(option) else ""
-        words = (option.help + default).replace("`", "").split()
-        line = f"  {option.usage}".ljust(column)
-        if len(line) > column or line[-1] != " ":
-            lines.append(line.rstrip())
-            line = " " * column
-        for word in words:
-            if len(line) + len(word) > width:
-                lines.append(line.rstrip())
-                line = " " * column
-            line += word + " "
-        lines.append(line.rstrip())
+        usage, indent = f"  {option.usage}".ljust(column), " " * column
+        if len(usage) > column or usage[-1] != " ":
+            lines.append(usage.rstrip())
+            usage = indent
+        lines += textwrap.wrap((option.help + default).replace("`", ""), width, initial_indent=usage,
+                               subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)  # fmt: skip
     return lines
 
 

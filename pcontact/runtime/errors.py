@@ -3,7 +3,7 @@
 import difflib
 import re
 import reprlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 KINDS = ((type(None), "nothing"), (bool, "a boolean"), (int, "an integer"), (float, "a number"),
          (str, "a string"), (list, "a list"), (tuple, "a list"), (dict, "a table"))  # fmt: skip
@@ -151,6 +151,11 @@ def closeness(name: str, known: str) -> float:
 def nearest(name: str, known: Iterable[str]) -> str | None:
     """The known name most like `name`, None when there are no names."""
     return max(known, key=lambda other: closeness(name, other), default=None)
+
+
+def nearby(name: str, known: Iterable[str], show: Callable[[str], str] = repr, least: float = 0.6) -> str:
+    """The end of a message: the known name that is at least so much like `name`, empty where there is none."""
+    return "".join(f"; the nearest is {show(near)}" for near in difflib.get_close_matches(name, known, 1, least))
 
 
 def unknown_name(name: str, what: str, known: Iterable[str]) -> str:

@@ -3,7 +3,6 @@ coordinate, or over the arc length, unrolled.
 """
 
 import csv
-import difflib
 import json
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,7 +12,7 @@ import numpy as np
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 
-from pcontact.runtime.errors import InputError
+from pcontact.runtime.errors import InputError, nearby
 from pcontact.runtime.files import whole_lines
 from pcontact.view import camera, cells
 from pcontact.view.colours import DPI, INK, PALE, STYLE, save
@@ -81,9 +80,8 @@ def plot(directory, names, output=None, size=(1000, 700)):
     across, *upward = names if len(names) > 1 else ("time", *names)
     for name in (across, *upward):
         if name not in columns:
-            near = difflib.get_close_matches(name, columns, 1)
-            hint = f"; the nearest is {near[0]!r}" if near else ""
-            raise InputError(f"{directory}: no column {name!r}; allowed: {', '.join(columns)}{hint}")
+            allowed = f"{', '.join(columns)}{nearby(name, columns)}"
+            raise InputError(f"{directory}: no column {name!r}; allowed: {allowed}")
     output = Path(output or Path(directory) / f"{'_'.join(upward)}_over_{across}.png".replace("/", "_"))
     output = output if output.suffix else output.with_suffix(".png")
     with _chart(output, size) as axes:

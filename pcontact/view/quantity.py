@@ -1,12 +1,11 @@
 """Which numbers a picture shows: a field by its name, or by the name and one of its components."""
 
-import difflib
 from dataclasses import dataclass
 
 import numpy as np
 
 from pcontact.io.names import STATUS
-from pcontact.runtime.errors import InputError
+from pcontact.runtime.errors import InputError, nearby
 
 _VECTOR = ("x", "y", "z")
 _TENSOR = ("xx", "yy", "zz", "xy", "yz", "xz")
@@ -143,9 +142,8 @@ def find(result, name=None):
                     values = {part: _column(array, column) for part, array in arrays.items()}
                     whole = all(array.dtype.kind in "iu" for array in arrays.values())
                     return Quantity(name, place, at, values, whole)
-    near = difflib.get_close_matches(str(name), names, 1)
-    hint = f"; the nearest is {near[0]!r}" if near else ""
-    raise InputError(f"{result.directory}: no field {name!r}; allowed: {', '.join(names) or 'none'}{hint}")
+    allowed = f"{', '.join(names) or 'none'}{nearby(str(name), names)}"
+    raise InputError(f"{result.directory}: no field {name!r}; allowed: {allowed}")
 
 
 def _column(array, column):

@@ -27,7 +27,8 @@ def test_the_wheel(tmp_path):
     with zipfile.ZipFile(wheel) as archive:
         names = set(archive.namelist())
     modules = {str(path.relative_to(ROOT)) for path in (ROOT / "pcontact").rglob("*.py")}
-    assert modules | {"pcontact/py.typed", "pcontact/__init__.pyi", "pcontact/view/page.html"} <= names
+    assert modules | {"pcontact/py.typed", "pcontact/__init__.pyi", "pcontact/io/new.toml",
+                      "pcontact/view/page.html"} <= names  # fmt: skip
     assert not [name for name in names if name.startswith(("tests/", "drivers/", "meshes/"))]
     assert {"pcontact/examples/press.toml", "pcontact/examples/meshes/__main__.py"} <= names
     installed(wheel, tmp_path)
