@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivers._common import make_mesh
+from drivers.studies._harness import composed
 from meshes.bricks import Brick, bricks
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Obstacle, Output, Scene, Steps
@@ -175,13 +176,12 @@ def shear(
     up = [0.0] * (dim - 1)
     bottom = (np.zeros(dim) + frame.shift) * frame.length
     floor = Obstacle("plane", point=bottom.tolist(), normal=[*up, 1.0])
-    case = Scene(
+    case = composed(
+        MeshSpec(path, order=order),
+        {"block": Material(E * frame.stress, 0.0)},
+        {"top": [drag * frame.length, *zeros, -depth * frame.length]},
         title="Sheared block",
-        mesh=MeshSpec(path, order=order),
-        materials={"m": Material(E * frame.stress, 0.0)},
-        bodies=[Body("block", "m")],
         contacts=[Contact("bottom", obstacle=floor, name="pair", friction=friction, theta=theta, **contact)],
-        displacements=[Displacement("top", [drag * frame.length, *zeros, -depth * frame.length])],
         loads=[
             Load(side, traction=[*up, sign * tau * frame.stress]) for side, sign in (("left", -1.0), ("right", 1.0))
         ],
@@ -222,13 +222,12 @@ def ring(
     path = _mesh(folder, [Brick("ring", [a, 0.0], [b, 0.5 * np.pi], n, cell, geometry, bend)], frame)
     centre = (np.zeros(2) + frame.shift) * frame.length
     shaft = Obstacle("sphere", center=centre.tolist(), radius=(a + fit) * frame.length)
-    case = Scene(
+    case = composed(
+        MeshSpec(path, order=order),
+        {"ring": Material(E * frame.stress, nu)},
+        {"bottom": ["free", 0.0], "top": [0.0, "free"]},
         title="Ring on a shaft",
-        mesh=MeshSpec(path, order=order),
-        materials={"m": Material(E * frame.stress, nu)},
-        bodies=[Body("ring", "m")],
         contacts=[Contact("left", obstacle=shaft, name="pair", **contact)],
-        displacements=[Displacement("bottom", ["free", 0.0]), Displacement("top", [0.0, "free"])],
         petsc=petsc or {},
     )
     known = fit * E * (b**2 - a**2) / ((1.0 + nu) * a * ((1.0 - 2.0 * nu) * a**2 + b**2))
@@ -357,13 +356,12 @@ def flowing(
     material = Material(
         E * frame.stress, 0.3, yield_stress=YIELD * frame.stress, hardening=hardening * E * frame.stress
     )
-    case = Scene(
+    case = composed(
+        MeshSpec(path, order=order),
+        {"block": material},
+        {"left": [0.0, "free"]},
         title="Flowing block",
-        mesh=MeshSpec(path, order=order),
-        materials={"m": material},
-        bodies=[Body("block", "m")],
         contacts=[Contact("bottom", obstacle=floor, name="pair", **contact)],
-        displacements=[Displacement("left", [0.0, "free"])],
         loads=[Load("top", pressure=load * YIELD * frame.stress, amplitude=path_of)],
         steps=Steps(1.0, count, 0.25 / count),
         output=Output(probes=["top"]),

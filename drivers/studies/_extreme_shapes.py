@@ -4,6 +4,7 @@ import numpy as np
 
 from drivers._common import make_mesh
 from drivers.studies._extreme_scenes import E, Frame, largest, nodal, pairs
+from drivers.studies._harness import composed
 from meshes.bricks import Brick, bricks
 from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Obstacle, Scene, Steps
 
@@ -40,15 +41,14 @@ def wave(
     up = [*[0.0] * (dim - 1), 1.0]
     supports = [Displacement(side, [0.0, *free]) for side in ("left", "right")]
     supports += [Displacement(side, ["free", 0.0, "free"]) for side in ("front", "back")[: 2 * (dim - 2)]]
-    case = Scene(
+    case = composed(
+        MeshSpec(path, order=order),
+        {"block": Material(E, nu)},
+        supports,
         title="Pressed flat",
-        mesh=MeshSpec(path, order=order),
-        materials={"m": Material(E, nu)},
-        bodies=[Body("block", "m")],
         contacts=[
-            Contact("bottom", obstacle=Obstacle("plane", point=[0.0, *flat, 0.0], normal=up), name="pair", **contact)
+            Contact("bottom", obstacle=Obstacle("plane", point=[0.0, *flat, 0.0], normal=up), name="pair", **contact),
         ],
-        displacements=supports,
         loads=[Load("top", pressure=part * star)],
         petsc=petsc or {},
     )
@@ -116,13 +116,12 @@ def pointed(
     supports = [Displacement(name, [*[0.0] * (dim - 1), "free"]) for name in hold]
     bottom = ["lower_bottom"] if kind == "corner on face" else ["lower_bottom", "lower_left"]
     supports += [Displacement(name, [0.0] * dim) for name in bottom]
-    case = Scene(
+    case = composed(
+        MeshSpec(path, order=order),
+        dict.fromkeys(("lower", "upper"), Material(E, 0.3)),
+        supports,
         title=kind,
-        mesh=MeshSpec(path, order=order),
-        materials={"m": Material(E, 0.3)},
-        bodies=[Body("lower", "m"), Body("upper", "m")],
         contacts=contacts,
-        displacements=supports,
         loads=[Load("upper", body_force=[*[0.0] * (dim - 1), -load])],
         steps=Steps(1.0, 1, 0.1),
         petsc=petsc or {},

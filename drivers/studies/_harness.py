@@ -17,6 +17,7 @@ from pcontact.runtime.errors import InputError, StepFailure
 from pcontact.runtime.observer import Observer
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
+from pcontact.scene.model import Body, Displacement, MeshSpec, Output, Scene
 from pcontact.simulation import Simulation
 
 
@@ -86,6 +87,30 @@ def solved(scene, mesh=None, comm=MPI.COMM_WORLD, observers=lambda simulation: (
         yield simulation, counts.record
     finally:
         simulation.free()
+
+
+def composed(mesh, bodies, supports, **keys):
+    """A scene that writes no fields.
+
+    Parameters
+    ----------
+    mesh : pathlib.Path or MeshSpec
+    bodies : dict of str to Material
+        By their regions.
+    supports : dict of str to list, or list of Displacement
+        Displacements by their regions.
+    **keys
+        Of :class:`pcontact.scene.model.Scene`.
+    """
+    if isinstance(supports, dict):
+        supports = [Displacement(region, value) for region, value in supports.items()]
+    return Scene(
+        mesh=mesh if isinstance(mesh, MeshSpec) else MeshSpec(mesh),
+        materials=bodies,
+        bodies=[Body(name, name) for name in bodies],
+        displacements=supports,
+        **{"output": Output(fields=False), **keys},
+    )
 
 
 class Rows:

@@ -10,6 +10,7 @@ import numpy as np
 
 from drivers._common import contact_points, running
 from drivers.studies._harness import Counts
+from pcontact.runtime.errors import StepFailure
 from pcontact.scene.model import Output
 
 JOHNSON = "K. L. Johnson, *Contact Mechanics*, Cambridge University Press 1985"
@@ -31,8 +32,8 @@ class Case(NamedTuple):
     levels : tuple of int
         Of the meshes, the coarsest first.
     solve : callable
-        From a folder of its own and a level to the value; None where a load step did not converge. What it writes to
-        the folder ``RUN`` is what the picture shows. *Collective.*
+        From a folder of its own and a level to the value, StepFailure where a load step did not converge. What it
+        writes to the folder ``RUN`` is what the picture shows. *Collective.*
     bounds : (float, float)
         Of the relative error on the coarsest and on the finest mesh.
     remark : str
@@ -56,24 +57,42 @@ class Case(NamedTuple):
     look: dict = {}  # noqa: RUF012
 
 
+def need(converged):
+    """Raise StepFailure where a load step did not converge."""
+    if not converged:
+        raise StepFailure("a load step did not converge")
+
+
 @contextmanager
-def solved(scene, folder, observers=()):
+def solved(scene, folder):
     """Run a scene, whose fields go to a folder beside its mesh. *Collective.*
 
     Yields
     ------
-    Simulation, dict or None
-        The record of the last load step; None where one did not converge.
+    Simulation, dict
+        The record of the last load step.
+
+    Raises
+    ------
+    StepFailure
     """
     counts = Counts()
     scene = replace(scene, output=replace(scene.output or Output(), fields=True))
-    with running(scene, Path(folder) / RUN, [*observers, counts]) as (simulation, converged):
-        yield simulation, counts.record if converged else None
+    with running(scene, Path(folder) / RUN, [counts]) as (simulation, converged):
+        need(converged)
+        yield simulation, counts.record
 
 
-def points_everywhere(simulation, number=0):
-    """:func:`drivers._common.contact_points` on all ranks. *Collective.*"""
-    return simulation.comm.bcast(contact_points(simulation, number), root=0)
+def record_of(scene, folder):
+    """The record of the last load step of a run, see :func:`solved`. *Collective.*"""
+    with solved(scene, folder) as (_, record):
+        return record
+
+
+def points_of(scene, folder):
+    """What a run has at the points of its first contact, on all ranks, see :func:`solved`. *Collective.*"""
+    with solved(scene, folder) as (simulation, _):
+        return simulation.comm.bcast(contact_points(simulation), root=0)
 
 
 def share(points, inside, direction):

@@ -5,11 +5,12 @@ import numpy as np
 
 from drivers._common import make_mesh
 from drivers.cases import cattaneo_mindlin
-from drivers.studies._manual import JOHNSON, RUN, Case, solved
+from drivers.studies._harness import composed
+from drivers.studies._manual import JOHNSON, RUN, Case, need, record_of
 from drivers.studies._manual_half_space import CYLINDERS
 from meshes.grid import name_boundary, near
 from meshes.patches import patches, rectangle, sector
-from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Obstacle, Output, Scene, Steps
+from pcontact.scene.model import Contact, Load, Material, MeshSpec, Obstacle, Output, Steps
 
 # of half of a bar between two jaws: height, modulus; friction, part of it that slips; clamped by a pressure of 1
 THIN, STIFF, HELD, SLIPS = 5e-3, 1e4, 0.5, 0.6
@@ -24,7 +25,8 @@ def sheared(folder, n):
     cattaneo_mindlin.check(args)
     mesh = cattaneo_mindlin.generate(folder / "cylinders.msh", args)
     row, _, converged = cattaneo_mindlin.solve(mesh, args, 0.0, folder / RUN)
-    return row["c_fit"] / row["c_exact"] if converged else None
+    need(converged)
+    return row["c_fit"] / row["c_exact"]
 
 
 def belt(path, n):
@@ -38,17 +40,16 @@ def belt(path, n):
 def capstan(folder, n):
     """Ratio of the forces at the ends of a belt around a rigid drum. *Collective.*"""
     drum = Obstacle("sphere", center=[0.0, 0.0], radius=1.0)
-    scene = Scene(
-        mesh=MeshSpec(make_mesh(belt, folder / "belt.msh", n), order=2),
-        materials={"m": Material(1e4, 0.0)},
-        bodies=[Body("belt", "m")],
+    scene = composed(
+        MeshSpec(make_mesh(belt, folder / "belt.msh", n), order=2),
+        {"belt": Material(1e4, 0.0)},
+        {"held": ["free", 0.0]},
         contacts=[Contact("inside", obstacle=drum, name="drum", friction=GRIP)],
-        displacements=[Displacement("held", ["free", 0.0])],
         loads=[Load("drawn", traction=[-1.0, 0.0])],
         steps=Steps(count=4),
     )
-    with solved(scene, folder) as (_, record):
-        return None if record is None else BELT / abs(float(record["reactions"]["held"][1]))
+    record = record_of(scene, folder)
+    return BELT / abs(float(record["reactions"]["held"][1]))
 
 
 def half_bar(path, n):
@@ -62,20 +63,18 @@ def lap_joint(folder, n):
     """Shift of the drawn end of a bar between two jaws over its closed form. *Collective.*"""
     jaw = Obstacle("plane", point=[0.0, 0.0], normal=[0.0, 1.0], displacement=[0.0, THIN / STIFF],
                    amplitude=[[0.0, 0.0], [1.0, 1.0]])  # fmt: skip
-    scene = Scene(
-        mesh=MeshSpec(make_mesh(half_bar, folder / "bar.msh", n), order=2),
-        materials={"m": Material(STIFF, 0.0)},
-        bodies=[Body("bar", "m")],
+    scene = composed(
+        MeshSpec(make_mesh(half_bar, folder / "bar.msh", n), order=2),
+        {"bar": Material(STIFF, 0.0)},
+        {"middle": ["free", 0.0]},
         contacts=[Contact("clamped", obstacle=jaw, name="jaw", friction=HELD)],
-        displacements=[Displacement("middle", ["free", 0.0])],
         loads=[Load("drawn", traction=[SLIPS * HELD / THIN, 0.0], amplitude=[[1.0, 0.0], [4.0, 1.0]])],
         steps=Steps(end=4.0, count=4),
         output=Output(probes=["drawn"]),
         petsc={"pc_type": "lu"},
     )
-    with solved(scene, folder) as (_, record):
-        exact = (SLIPS * HELD) ** 2 / (2.0 * STIFF * THIN * HELD)
-        return None if record is None else float(record["probes"]["drawn"]["mean"][0]) / exact
+    exact = (SLIPS * HELD) ** 2 / (2.0 * STIFF * THIN * HELD)
+    return float(record_of(scene, folder)["probes"]["drawn"]["mean"][0]) / exact
 
 
 MINDLIN = f"C. Cattaneo 1938, R. D. Mindlin 1949; {JOHNSON}, chapter 7"

@@ -6,11 +6,12 @@ import numpy as np
 
 from drivers._common import make_mesh
 from drivers.cases import hertz
-from drivers.studies._manual import JOHNSON, RUN, Case, points_everywhere, share, solved
+from drivers.studies._harness import composed
+from drivers.studies._manual import JOHNSON, RUN, Case, need, points_of, share
 from meshes import indent, one_block
 from meshes.grid import name_boundary, near, split_group
 from meshes.patches import growing, patches, rectangle
-from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Obstacle, Scene
+from pcontact.scene.model import Contact, Material, MeshSpec, Obstacle
 
 SNEDDON = "I. N. Sneddon, Int. J. Engng. Sci. 3 (1965) 47-57"
 BALL, DEPTH, SLOPE = 100.0, 0.004, 100.0
@@ -40,12 +41,11 @@ def pressed_block(path, kinematics, bonded):
     """A rigid flat punch of half width 1 sinks into a block by ``SINK``, E = 1."""
     plane = Obstacle("plane", point=[0.0, 0.0], normal=[0.0, -1.0], displacement=[0.0, -SINK])
     law = {"bilateral": True, "tresca": 1e3} if bonded else {}
-    return Scene(
-        mesh=MeshSpec(path, order=2, kinematics=kinematics),
-        materials={"m": Material(1.0, NU)},
-        bodies=[Body("block", "m")],
+    return composed(
+        MeshSpec(path, order=2, kinematics=kinematics),
+        {"block": Material(1.0, NU)},
+        {"bottom": [0.0, 0.0], "axis": [0.0, "free"]},
         contacts=[Contact("under", obstacle=plane, name="punch", **law)],
-        displacements=[Displacement("bottom", [0.0, 0.0]), Displacement("axis", [0.0, "free"])],
         petsc={"pc_type": "lu"},
     )
 
@@ -53,10 +53,7 @@ def pressed_block(path, kinematics, bonded):
 def flat_punch(kinematics, bonded, what, folder, n):
     """Force of a flat punch, or the part of it in the inner half. *Collective.*"""
     path = make_mesh(half_block, folder / "block.msh", n, 60.0 if kinematics == "plane_strain" else 1000.0)
-    with solved(pressed_block(path, kinematics, bonded), folder) as (simulation, record):
-        points = points_everywhere(simulation)
-    if record is None:
-        return None
+    points = points_of(pressed_block(path, kinematics, bonded), folder)
     part, force = share(points, points["x"][:, 0] < 0.5, [0.0, -1.0])
     return part if what == "part" else force
 
@@ -84,17 +81,13 @@ def wave(folder, n):
     """Largest pressure below a wave over its closed form for the mean pressure, n cells in half of it. *Collective.*"""
     path = make_mesh(wavy_block, folder / "block.msh", n)
     shape = Obstacle("level_set", expression=f"{HEIGHT}*(1 - cos(2*pi*x)) - y")
-    scene = Scene(
-        mesh=MeshSpec(path, order=2),
-        materials={"m": Material(1.0, NU)},
-        bodies=[Body("block", "m")],
+    scene = composed(
+        MeshSpec(path, order=2),
+        {"block": Material(1.0, NU)},
+        {"bottom": [0.0, PRESSED], "sides": [0.0, "free"]},
         contacts=[Contact("top", obstacle=shape, name="wave")],
-        displacements=[Displacement("bottom", [0.0, PRESSED]), Displacement("sides", [0.0, "free"])],
     )
-    with solved(scene, folder) as (simulation, record):
-        points = points_everywhere(simulation)
-    if record is None:
-        return None
+    points = points_of(scene, folder)
     mean = 2.0 * float(points["pressure"] @ points["weight"])
     edge = points["weight"][points["status"] > 0].sum()
     x = points["x"][:, 0]
@@ -109,33 +102,27 @@ def ball_on_foundation(folder, n):
     """Force of a rigid ball on a soft layer, on a body a million times as stiff. *Collective.*"""
     path = make_mesh(one_block, folder / "bed.msh", dim=2, n=(2 * n, 2), size=(2.0, 0.5), lower=(0.0, -0.5))
     ball = Obstacle("sphere", center=[0.0, BALL], radius=BALL, displacement=[0.0, -DEPTH])
-    scene = Scene(
-        mesh=MeshSpec(path, kinematics="axisymmetric"),
-        materials={"base": Material(1e8, 0.3)},
-        bodies=[Body("block", "base")],
+    scene = composed(
+        MeshSpec(path, kinematics="axisymmetric"),
+        {"block": Material(1e8, 0.3)},
+        {"bottom": [0.0, 0.0], "left": [0.0, "free"]},
         contacts=[Contact("top", obstacle=ball, name="ball", pressure_overclosure=SLOPE)],
-        displacements=[Displacement("bottom", [0.0, 0.0]), Displacement("left", [0.0, "free"])],
     )
-    with solved(scene, folder) as (simulation, record):
-        points = points_everywhere(simulation)
-    return None if record is None else share(points, slice(None), [0.0, -1.0])[1]
+    points = points_of(scene, folder)
+    return share(points, slice(None), [0.0, -1.0])[1]
 
 
 def cone(folder, n):
     """Mean pressure under a rigid cone, n cells in the radius of the contact. *Collective.*"""
     path = make_mesh(indent, folder / "cone.msh", h=1.0 / n, order=2, fine=1.5, length=20.0)
     tip = Obstacle("level_set", expression=f"{CONE}*x - y", displacement=[0.0, -0.5 * np.pi * CONE])
-    scene = Scene(
-        mesh=MeshSpec(path, order=2, kinematics="axisymmetric"),
-        materials={"m": Material(1000.0, 0.3)},
-        bodies=[Body("block", "m")],
+    scene = composed(
+        MeshSpec(path, order=2, kinematics="axisymmetric"),
+        {"block": Material(1000.0, 0.3)},
+        {"block_bottom": [0.0, 0.0], "axis": [0.0, "free"]},
         contacts=[Contact("block_top", obstacle=tip, name="cone")],
-        displacements=[Displacement("block_bottom", [0.0, 0.0]), Displacement("axis", [0.0, "free"])],
     )
-    with solved(scene, folder) as (simulation, record):
-        points = points_everywhere(simulation)
-    if record is None:
-        return None
+    points = points_of(scene, folder)
     force = share(points, slice(None), [0.0, -1.0])[1]
     return float(force / points["weight"][points["status"] > 0].sum())
 
@@ -146,7 +133,8 @@ def hertz_case(name, what, folder, n):
     case = hertz.check(args)
     mesh = hertz.generate(case, folder / "bodies.msh", case.half_width / n, 2, None)
     row, _, converged = hertz.solve(case, mesh, args, folder / RUN)
-    return row[f"{what}_fit"] / row[f"{what}_hertz"] if converged else None
+    need(converged)
+    return row[f"{what}_fit"] / row[f"{what}_hertz"]
 
 
 CYLINDERS = r"""     \   upper   /

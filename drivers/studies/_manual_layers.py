@@ -5,9 +5,10 @@ from functools import partial
 import numpy as np
 
 from drivers._common import make_mesh
-from drivers.studies._manual import Case, points_everywhere, solved
+from drivers.studies._harness import composed
+from drivers.studies._manual import Case, points_of
 from meshes import layer_on_base
-from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Scene
+from pcontact.scene.model import Contact, Load, Material, MeshSpec
 
 # of both bodies; half width of the strip that is loaded, in heights of the layer
 MODULUS, NU, STRIP = 1e4, 0.3, 0.1
@@ -57,19 +58,15 @@ def receding_contact():
 
 def receding(what, folder, n):
     """Half width of the contact, or pressure in its middle, n cells in the height of the layer. *Collective.*"""
-    scene = Scene(
-        mesh=MeshSpec(make_mesh(layer_on_base, folder / "layer.msh", n), order=2),
-        materials={"m": Material(MODULUS, NU)},
-        bodies=[Body("layer", "m"), Body("base", "m")],
+    scene = composed(
+        MeshSpec(make_mesh(layer_on_base, folder / "layer.msh", n), order=2),
+        dict.fromkeys(("layer", "base"), Material(MODULUS, NU)),
+        {"symmetry": [0.0, "free"], "base_bottom": ["free", 0.0]},
         contacts=[Contact("layer_bottom", "base_top", name="pair")],
-        displacements=[Displacement("symmetry", [0.0, "free"]), Displacement("base_bottom", ["free", 0.0])],
         loads=[Load("strip", pressure=1.0)],
         petsc={"pc_type": "lu"},
     )
-    with solved(scene, folder) as (simulation, record):
-        points = points_everywhere(simulation)
-    if record is None:
-        return None
+    points = points_of(scene, folder)
     if what == "width":
         return float(points["weight"][points["status"] > 0].sum())
     x, pressure = points["x"][:, 0], points["pressure"]

@@ -7,14 +7,15 @@ from functools import partial
 import numpy as np
 
 from drivers._common import make_mesh
-from drivers.studies._manual import JOHNSON, RUN, Case, points_everywhere, solved
+from drivers.studies._harness import composed
+from drivers.studies._manual import JOHNSON, RUN, Case, points_of
 from drivers.studies._manual_half_space import CYLINDERS
 from meshes.grid import add, join, lattice, name_boundary, near, refined, split_group, sweep
 from meshes.patches import growing
 from meshes.tools import gmsh_model, group, write
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
-from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Scene, Steps
+from pcontact.scene.model import Contact, Displacement, Material, MeshSpec, Steps
 
 # Young's modulus, Poisson's ratio, friction, radius of the ball, radius and height of both bodies; contact radius: 1
 MODULUS, NU, GRIP, RADIUS, SIZE = 1.0, 0.3, 0.5, 1000.0, 100.0
@@ -122,27 +123,23 @@ def stick_radius(points):
 
 
 def shear_ball(folder, n):
-    """Radius of the part that sticks, and the shift, over their closed forms for the forces; or None. *Collective.*"""
+    """Radius of the part that sticks, and the shift, over their closed forms for the forces. *Collective.*"""
     path = make_mesh(ball_and_block, folder / "bodies.msh", n)
     # what a contact of the radius 1 has
     shift = closed_form(4.0 / 3.0 * REDUCED / RADIUS, PART * GRIP * 4.0 / 3.0 * REDUCED / RADIUS)[2]
-    scene = Scene(
-        mesh=MeshSpec(path, order=2, serendipity=True),
-        materials={"m": Material(MODULUS, NU)},
-        bodies=[Body("ball", "m"), Body("block", "m")],
-        contacts=[Contact("ball_skin", "block_skin", name="pair", friction=GRIP)],
-        displacements=[
-            Displacement("block_far", [0.0, 0.0, 0.0]),
+    scene = composed(
+        MeshSpec(path, order=2, serendipity=True),
+        dict.fromkeys(("ball", "block"), Material(MODULUS, NU)),
+        [
             Displacement("ball_far", ["free", 0.0, -1.0 / RADIUS], [[0.0, 0.0], [1.0, 1.0]]),
             Displacement("ball_far", [shift, "free", "free"], [[1.0, 0.0], [3.0, 1.0]]),
-            Displacement("ball_symmetry", ["free", 0.0, "free"]), Displacement("block_symmetry", ["free", 0.0, "free"]),
+            Displacement("block_far", [0.0, 0.0, 0.0]),
+            *(Displacement(f"{body}_symmetry", ["free", 0.0, "free"]) for body in ("ball", "block")),
         ],
+        contacts=[Contact("ball_skin", "block_skin", name="pair", friction=GRIP)],
         steps=Steps(end=3.0, count=3),
-    )  # fmt: skip
-    with solved(scene, folder) as (simulation, record):
-        points = points_everywhere(simulation)
-    if record is None:
-        return None
+    )
+    points = points_of(scene, folder)
     tangential, _, normal = 2.0 * np.abs(points["weight"] @ points["traction"])
     _, stuck, moved = closed_form(normal, tangential)
     return stick_radius(points) / stuck, shift / moved
@@ -156,7 +153,7 @@ def sheared_ball(which, folder, n):
     first, values = DONE[key]
     if first != folder:
         on_root(MPI.COMM_WORLD, partial(shutil.copytree, dirs_exist_ok=True), first / RUN, folder / RUN)
-    return None if values is None else values[which]
+    return values[which]
 
 
 DATA = (

@@ -3,10 +3,11 @@
 import numpy as np
 
 from drivers._common import make_mesh
-from drivers.studies._manual import JOHNSON, Case, points_everywhere, share, solved
+from drivers.studies._harness import composed
+from drivers.studies._manual import JOHNSON, Case, points_of, share
 from meshes.grid import name_boundary, near
 from meshes.patches import growing, patches, rectangle
-from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Obstacle, Scene
+from pcontact.scene.model import Contact, Material, MeshSpec, Obstacle
 
 # a laminate of carbon fibres [MPa], which lie at this angle to the surface [degrees]
 YOUNG, POISSON, SHEAR, ANGLE = (140e3, 10e3, 10e3), (0.3, 0.3, 0.45), (5e3, 5e3, 3448.0), 30.0
@@ -46,12 +47,11 @@ def compliance():
 def scene(path):
     """A rigid cylinder that sinks into the block, whose bottom is held."""
     cylinder = Obstacle("sphere", center=[0.0, RADIUS], radius=RADIUS, displacement=[0.0, -SINK])
-    return Scene(
-        mesh=MeshSpec(path, order=2),
-        materials={"laminate": Material(YOUNG, POISSON, G=SHEAR, angle=ANGLE)},
-        bodies=[Body("block", "laminate")],
+    return composed(
+        MeshSpec(path, order=2),
+        {"block": Material(YOUNG, POISSON, G=SHEAR, angle=ANGLE)},
+        {"bottom": [0.0, 0.0]},
         contacts=[Contact("top", obstacle=cylinder, name="cylinder")],
-        displacements=[Displacement("bottom", [0.0, 0.0])],
         petsc={"pc_type": "lu"},
     )
 
@@ -59,10 +59,7 @@ def scene(path):
 def half_width(folder, n):
     """Half width of the contact over its closed form for the force, n facets in it. *Collective.*"""
     path = make_mesh(whole_block, folder / "block.msh", n)
-    with solved(scene(path), folder) as (simulation, record):
-        points = points_everywhere(simulation)
-    if record is None:
-        return None
+    points = points_of(scene(path), folder)
     force = share(points, slice(None), [0.0, -1.0])[1]
     closed, x = points["status"] > 0, points["x"][:, 0]
     middle, edge = 0.5 * (x[closed].max() + x[closed].min()), 0.5 * np.ptp(x[closed])

@@ -5,12 +5,13 @@ from functools import partial
 import numpy as np
 
 from drivers._common import make_mesh
-from drivers.studies._manual import JOHNSON, Case, points_everywhere, share, solved
+from drivers.studies._harness import composed
+from drivers.studies._manual import JOHNSON, Case, points_of, record_of, share
 from drivers.studies._manual_half_space import PUNCH
 from meshes import cylinders
 from meshes.grid import name_boundary, near, split_group
 from meshes.patches import growing, patches, rectangle
-from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Obstacle, Scene, Steps
+from pcontact.scene.model import Contact, Material, MeshSpec, Obstacle, Steps
 
 # Prandtl's punch: modulus over yield stress, depth, half width and height of the block
 STIFF, DRIVEN, SIZE = 1e3, 0.05, 15.0
@@ -32,18 +33,16 @@ def prandtl_block(path, n):
 def prandtl(folder, n):
     """Mean pressure over the yield stress, of a punch that sinks into a perfectly plastic block. *Collective.*"""
     plane = Obstacle("plane", point=[0.0, 0.0], normal=[0.0, -1.0], displacement=[0.0, -DRIVEN])
-    scene = Scene(
-        mesh=MeshSpec(make_mesh(prandtl_block, folder / "block.msh", n), order=2, mean_dilatation=True),
-        materials={"m": Material(STIFF, 0.3, yield_stress=1.0)},
-        bodies=[Body("block", "m")],
+    scene = composed(
+        MeshSpec(make_mesh(prandtl_block, folder / "block.msh", n), order=2, mean_dilatation=True),
+        {"block": Material(STIFF, 0.3, yield_stress=1.0)},
+        {"bottom": [0.0, 0.0], "axis": [0.0, "free"]},
         contacts=[Contact("under", obstacle=plane, name="punch")],
-        displacements=[Displacement("bottom", [0.0, 0.0]), Displacement("axis", [0.0, "free"])],
         steps=Steps(count=12),
         petsc={"pc_type": "lu"},
     )
-    with solved(scene, folder) as (simulation, record):
-        points = points_everywhere(simulation)
-    return None if record is None else share(points, slice(None), [0.0, -1.0])[1]
+    points = points_of(scene, folder)
+    return share(points, slice(None), [0.0, -1.0])[1]
 
 
 def first_yield():
@@ -71,18 +70,16 @@ def flattened(depth, folder, n):
     path = make_mesh(cylinders, folder / "sphere.msh", h=radius / n, order=2, cell="quadrilateral", radius=1.0,
                      half=True, contact_radius=2.0 * radius, growth=0.3, coarse=0.15, single=True)  # fmt: skip
     plane = Obstacle("plane", point=[0.0, 0.0], normal=[0.0, 1.0], displacement=[0.0, depth * least])
-    scene = Scene(
-        mesh=MeshSpec(path, order=2, kinematics="axisymmetric", mean_dilatation=True),
-        materials={"m": Material(SPHERE[0], SPHERE[1], yield_stress=SPHERE[2])},
-        bodies=[Body("upper", "m")],
+    scene = composed(
+        MeshSpec(path, order=2, kinematics="axisymmetric", mean_dilatation=True),
+        {"upper": Material(SPHERE[0], SPHERE[1], yield_stress=SPHERE[2])},
+        {"upper_flat": [0.0, 0.0], "symmetry_x": [0.0, "free"]},
         contacts=[Contact("upper_skin", obstacle=plane, name="plane")],
-        displacements=[Displacement("upper_flat", [0.0, 0.0]), Displacement("symmetry_x", [0.0, "free"])],
         steps=Steps(count=10),
         petsc={"pc_type": "lu"},
     )
-    with solved(scene, folder) as (simulation, record):
-        points = points_everywhere(simulation)
-    return None if record is None else share(points, slice(None), [0.0, 1.0])[1] / force
+    points = points_of(scene, folder)
+    return share(points, slice(None), [0.0, 1.0])[1] / force
 
 
 def ball_block(path, n):
@@ -99,18 +96,16 @@ def pressed_ball(folder, n):
     """Force per radian on a rigid ball in a perfectly plastic block, with finite strain. *Collective.*"""
     radius, depth = BALL
     ball = Obstacle("sphere", center=[0.0, radius], radius=radius, displacement=[0.0, -depth])
-    scene = Scene(
-        mesh=MeshSpec(make_mesh(ball_block, folder / "block.msh", n), order=2, kinematics="axisymmetric",
-                      strain="finite"),
-        materials={"m": Material(210e3, 0.3, yield_stress=BALL_YIELD)},
-        bodies=[Body("block", "m")],
+    scene = composed(
+        MeshSpec(make_mesh(ball_block, folder / "block.msh", n), order=2, kinematics="axisymmetric", strain="finite"),
+        {"block": Material(210e3, 0.3, yield_stress=BALL_YIELD)},
+        {"bottom": [0.0, 0.0], "axis": [0.0, "free"]},
         contacts=[Contact("top", obstacle=ball, name="ball")],
-        displacements=[Displacement("bottom", [0.0, 0.0]), Displacement("axis", [0.0, "free"])],
         steps=Steps(count=30),
         petsc={"pc_type": "lu"},
-    )  # fmt: skip
-    with solved(scene, folder) as (_, record):
-        return None if record is None else abs(float(record["contacts"]["ball"]["force"][1])) / (2.0 * np.pi)
+    )
+    record = record_of(scene, folder)
+    return abs(float(record["contacts"]["ball"]["force"][1])) / (2.0 * np.pi)
 
 
 FLATTENED = 20.0

@@ -6,20 +6,18 @@ import numpy as np
 
 from drivers._common import make_mesh
 from drivers.cases import nafems
-from drivers.studies._manual import Case, points_everywhere, solved
+from drivers.studies._harness import composed
+from drivers.studies._manual import Case, points_of, record_of
 from meshes import cylinder_on_block, rounded_punch, sphere_stack, two_blocks
 from meshes.grid import name_boundary, near
 from meshes.patches import patches, rectangle
 from pcontact.scene.model import (
-    Body,
     Contact,
-    Displacement,
     Load,
     Material,
     MeshSpec,
     Obstacle,
     Output,
-    Scene,
     Steps,
 )
 
@@ -31,21 +29,14 @@ GRECO_POINTS = {"A": 0.0, "C": 0.005, "S": SIDE}
 def patch(folder, n):
     """Largest difference of the pressure from the exact one, over it, plus 1. *Collective.*"""
     path = make_mesh(two_blocks, folder / "blocks.msh", 2, (3 * n, n), (4 * n, n), size=2.0)
-    scene = Scene(
-        mesh=MeshSpec(path, order=1),
-        materials={"m": Material(2e6, 0.0)},
-        bodies=[Body("lower", "m"), Body("upper", "m")],
+    scene = composed(
+        MeshSpec(path, order=1),
+        dict.fromkeys(("lower", "upper"), Material(2e6, 0.0)),
+        {"lower_bottom": ["free", 0.0], "upper_top": ["free", -0.1], "left": [0.0, "free"]},
         contacts=[Contact("upper_bottom", "lower_top", name="patch")],
-        displacements=[
-            Displacement("lower_bottom", ["free", 0.0]), Displacement("upper_top", ["free", -0.1]),
-            Displacement("left", [0.0, "free"]),
-        ],
         petsc={"pc_type": "lu", "snes_rtol": "1e-13"},
-    )  # fmt: skip
-    with solved(scene, folder) as (simulation, record):
-        points = points_everywhere(simulation)
-    if record is None:
-        return None
+    )
+    points = points_of(scene, folder)
     return float(points["pressure"][np.abs(points["pressure"] / 1e5 - 1.0).argmax()])
 
 
@@ -59,43 +50,36 @@ def plate(path, n):
 
 def greco(folder, n):
     """Displacement of the corner of a plate that slides on a rigid plane. *Collective.*"""
-    scene = Scene(
-        mesh=MeshSpec(make_mesh(plate, folder / "plate.msh", n), order=2),
-        materials={"m": Material(1.3e11, 0.2)},
-        bodies=[Body("plate", "m")],
-        contacts=[Contact("bottom", obstacle=Obstacle("plane", point=[0.0, 0.0], normal=[0.0, 1.0]), name="plane",
-                          friction=1.0)],
-        displacements=[Displacement("right", [0.0, "free"])],
+    floor = Obstacle("plane", point=[0.0, 0.0], normal=[0.0, 1.0])
+    scene = composed(
+        MeshSpec(make_mesh(plate, folder / "plate.msh", n), order=2),
+        {"plate": Material(1.3e11, 0.2)},
+        {"right": [0.0, "free"]},
+        contacts=[Contact("bottom", obstacle=floor, name="plane", friction=1.0)],
         loads=[Load("top", pressure=5e7), Load("left", pressure=15e7)],
         steps=Steps(count=5),
         output=Output(probes=["A"]),
-    )  # fmt: skip
-    with solved(scene, folder) as (_, record):
-        return None if record is None else float(record["probes"]["A"]["mean"][0])
+    )
+    record = record_of(scene, folder)
+    return float(record["probes"]["A"]["mean"][0])
 
 
 def spheres(what, folder, n):
     """Force on the rim of the lower plate, or how far it sags, n cells in a unit of length. *Collective.*"""
     pairs = (("small_upper", "top_under"), ("large_upper", "small_lower"), ("large_lower", "bottom_over"))
-    scene = Scene(
-        mesh=MeshSpec(make_mesh(sphere_stack, folder / "stack.msh", 1.0 / n, 2), order=2, kinematics="axisymmetric"),
-        materials={"m": Material(2e5, 0.3)},
-        bodies=[Body(name, "m") for name in ("top_plate", "small", "large", "bottom_plate")],
+    scene = composed(
+        MeshSpec(make_mesh(sphere_stack, folder / "stack.msh", 1.0 / n, 2), order=2, kinematics="axisymmetric"),
+        dict.fromkeys(("top_plate", "small", "large", "bottom_plate"), Material(2e5, 0.3)),
+        {"bottom_rim": [0.0, 0.0], "top": ["free", -2.0], "axis": [0.0, "free"]},
         contacts=[Contact(*pair, name=pair[0]) for pair in pairs],
-        displacements=[
-            Displacement("bottom_rim", [0.0, 0.0]), Displacement("top", ["free", -2.0]),
-            Displacement("axis", [0.0, "free"]),
-        ],
         steps=Steps(count=10),
         output=Output(probes=["bottom_centre"]),
         petsc={"pc_type": "lu"},
-    )  # fmt: skip
-    with solved(scene, folder) as (_, record):
-        if record is None:
-            return None
-        if what == "sag":
-            return -float(record["probes"]["bottom_centre"]["mean"][1])
-        return abs(float(record["reactions"]["bottom_rim"][1])) / (2.0 * np.pi)
+    )
+    record = record_of(scene, folder)
+    if what == "sag":
+        return -float(record["probes"]["bottom_centre"]["mean"][1])
+    return abs(float(record["reactions"]["bottom_rim"][1])) / (2.0 * np.pi)
 
 
 def roller(folder, n):
@@ -103,16 +87,16 @@ def roller(folder, n):
     path = make_mesh(cylinder_on_block, folder / "roller.msh", 6.2146 / n, 2, "quadrilateral", radius=50.0, width=200.0,
                      depth=200.0, half=True, contact_radius=9.0)  # fmt: skip
     more = {"steps": Steps(count=2), "output": Output(probes=["block_origin"])}
-    with solved(nafems.roller_scene(path, 0.0, "small", **more), folder) as (_, record):
-        return None if record is None else -float(record["probes"]["block_origin"]["mean"][1])
+    record = record_of(nafems.roller_scene(path, 0.0, "small", **more), folder)
+    return -float(record["probes"]["block_origin"]["mean"][1])
 
 
 def punch(friction, folder, n):
     """How far the middle of the block of CGS-2 goes down, cells of 100 / n. *Collective.*"""
     path = make_mesh(rounded_punch, folder / "punch.msh", 100.0 / n, 2, "quadrilateral")
     more = {"steps": Steps(count=2), "output": Output(probes=["block_centre"])}
-    with solved(nafems.punch_scene(path, friction, "small", **more), folder) as (_, record):
-        return None if record is None else -float(record["probes"]["block_centre"]["mean"][1])
+    record = record_of(nafems.punch_scene(path, friction, "small", **more), folder)
+    return -float(record["probes"]["block_centre"]["mean"][1])
 
 
 

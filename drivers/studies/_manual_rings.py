@@ -7,19 +7,17 @@ import numpy as np
 from drivers._common import make_mesh
 from drivers.cases import thick_cylinder
 from drivers.cases.rings import LARGE, MIDDLE, NU, SMALL, E, interface_pressure, measure, ring_scene
-from drivers.studies._manual import TIMOSHENKO, Case, points_everywhere, solved
+from drivers.studies._harness import composed
+from drivers.studies._manual import TIMOSHENKO, Case, points_of, record_of, solved
 from meshes import rings, two_blocks
 from meshes.grid import name_boundary, near
 from meshes.patches import patches, sector
 from pcontact.scene.model import (
-    Body,
     Contact,
-    Displacement,
     Load,
     Material,
     MeshSpec,
     Output,
-    Scene,
     Temperature,
 )
 
@@ -34,8 +32,8 @@ HILL_PRESSURE = 0.18
 
 
 def _mean_pressure(scene, folder, pressure, delta):
-    with solved(scene, folder) as (simulation, record):
-        return None if record is None else measure(simulation, pressure, delta)["mean_pressure"]
+    with solved(scene, folder) as (simulation, _):
+        return measure(simulation, pressure, delta)["mean_pressure"]
 
 
 def _rings(folder, n, pressure=0.0):
@@ -111,17 +109,15 @@ def shells(path, n):
 
 def hollow_spheres(folder, n):
     """Mean contact pressure of hollow spheres that are pressed from outside. *Collective.*"""
-    scene = Scene(
-        mesh=MeshSpec(make_mesh(shells, folder / "shells.msh", n), order=2, kinematics="axisymmetric"),
-        materials={"m": Material(SHELL_E, SHELL_NU)},
-        bodies=[Body("outer", "m"), Body("inner", "m")],
+    scene = composed(
+        MeshSpec(make_mesh(shells, folder / "shells.msh", n), order=2, kinematics="axisymmetric"),
+        dict.fromkeys(("outer", "inner"), Material(SHELL_E, SHELL_NU)),
+        {"axis": [0.0, "free"], "plane": ["free", 0.0]},
         contacts=[Contact("inner_skin", "outer_hole", name="spheres")],
-        displacements=[Displacement("axis", [0.0, "free"]), Displacement("plane", ["free", 0.0])],
         loads=[Load("outer_skin", pressure=OUTSIDE)],
     )
-    with solved(scene, folder) as (simulation, record):
-        points = points_everywhere(simulation)
-    return None if record is None else float(np.average(points["pressure"], weights=points["weight"]))
+    points = points_of(scene, folder)
+    return float(np.average(points["pressure"], weights=points["weight"]))
 
 
 def sphere_pressure():
@@ -147,18 +143,14 @@ def half_arcs(path, n):
 
 def curved_beam(folder, n):
     """Force on the end of a curved beam of two layers that are tied. *Collective.*"""
-    scene = Scene(
-        mesh=MeshSpec(make_mesh(half_arcs, folder / "arcs.msh", n), order=2, kinematics="plane_stress"),
-        materials={"m": Material(CURVED, 0.25)},
-        bodies=[Body("outer", "m"), Body("inner", "m")],
+    scene = composed(
+        MeshSpec(make_mesh(half_arcs, folder / "arcs.msh", n), order=2, kinematics="plane_stress"),
+        dict.fromkeys(("outer", "inner"), Material(CURVED, 0.25)),
+        {"end": [MOVED, "free"], "root": [0.0, "free"], "pin": ["free", 0.0]},
         contacts=[Contact("inner_skin", "outer_hole", name="seam", tied=True)],
-        displacements=[
-            Displacement("end", [MOVED, "free"]), Displacement("root", [0.0, "free"]),
-            Displacement("pin", ["free", 0.0]),
-        ],
-    )  # fmt: skip
-    with solved(scene, folder) as (_, record):
-        return None if record is None else -float(record["reactions"]["end"][0])
+    )
+    record = record_of(scene, folder)
+    return -float(record["reactions"]["end"][0])
 
 
 def bimetal(folder, n):
@@ -166,19 +158,17 @@ def bimetal(folder, n):
     length, *heights = STRIP
     path = make_mesh(two_blocks, folder / "strip.msh", 2, (10 * n, n), (13 * n, n), size=length, heights=heights,
                      order=2)  # fmt: skip
-    metals = {name: Material(modulus, 0.3, expansion=alpha)
-              for name, modulus, alpha in zip(("low", "high"), METAL, PAIR, strict=True)}  # fmt: skip
-    scene = Scene(
-        mesh=MeshSpec(path, order=2, kinematics="plane_stress"),
-        materials=metals,
-        bodies=[Body("lower", "low"), Body("upper", "high")],
+    metals = [Material(modulus, 0.3, expansion=alpha) for modulus, alpha in zip(METAL, PAIR, strict=True)]
+    scene = composed(
+        MeshSpec(path, order=2, kinematics="plane_stress"),
+        dict(zip(("lower", "upper"), metals, strict=True)),
+        {"left": [0.0, "free"], "lower_origin": ["free", 0.0]},
         contacts=[Contact("upper_bottom", "lower_top", name="seam", tied=True)],
         temperatures=[Temperature(WARMER)],
-        displacements=[Displacement("left", [0.0, "free"]), Displacement("lower_origin", ["free", 0.0])],
         output=Output(probes=["lower_corner_10"]),
     )
-    with solved(scene, folder) as (_, record):
-        return None if record is None else -float(record["probes"]["lower_corner_10"]["mean"][1])
+    record = record_of(scene, folder)
+    return -float(record["probes"]["lower_corner_10"]["mean"][1])
 
 
 def bimetal_deflection():
@@ -195,8 +185,8 @@ def plastic_cylinder(folder, n):
     path = thick_cylinder.make(folder / "cylinder.msh", "plane", "quadrilateral", 2, n, HILL)
     table = [HILL.first_yield, HILL_PRESSURE]
     scene = thick_cylinder.scene(path, "plane", 2, table, HILL, steps=4, petsc={"pc_type": "lu"})
-    with solved(scene, folder) as (_, record):
-        return None if record is None else float(record["probes"]["outer"]["max"][0])
+    record = record_of(scene, folder)
+    return float(record["probes"]["outer"]["max"][0])
 
 
 RINGS = f"""    outer ring {MIDDLE:g} <= r <= {LARGE:g}, inner ring {SMALL:g} <= r <= {MIDDLE:g}

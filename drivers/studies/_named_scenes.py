@@ -25,6 +25,7 @@ import numpy as np
 from drivers._common import make_mesh
 from drivers.cases import cattaneo_mindlin, disk_on_block, hertz, indent, rings, thick_cylinder
 from drivers.studies._block_scenes import DIRECT, blocks, laminates, loaded
+from drivers.studies._harness import composed
 from drivers.studies._round_bodies import (
     LARGE,
     MIDDLE,
@@ -42,7 +43,7 @@ from meshes import indent as indent_mesh
 from meshes import rings as rings_mesh
 from meshes.punch import cube_on_block, punch
 from meshes.shells import shells
-from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Output, Scene, Steps
+from pcontact.scene.model import Contact, Displacement, Load, Material, MeshSpec, Output, Scene, Steps
 
 
 @dataclass(frozen=True)
@@ -89,68 +90,58 @@ def _disk(folder):
 
 def _sheared(folder):
     path = make_mesh(two_blocks, folder / "sheared.msh", 2, 3, 5, "triangle")
-    return Scene(
+    return composed(
+        path,
+        dict.fromkeys(("lower", "upper"), Material(10.0, 0.3)),
+        {"lower_bottom": [0.0, 0.0], "upper_top": [0.02, -0.05]},
         title="blocks pressed and sheared",
-        mesh=MeshSpec(path),
-        materials={"soft": Material(10.0, 0.3)},
-        bodies=[Body("lower", "soft"), Body("upper", "soft")],
         contacts=[Contact("upper_bottom", "lower_top", name="face", friction=0.3)],
-        displacements=[Displacement("lower_bottom", [0.0, 0.0]), Displacement("upper_top", [0.02, -0.05])],
         steps=Steps(count=4),
-        output=Output(fields=False),
     )
 
 
 def _lug(folder):
-    return Scene(
+    return composed(
+        MeshSpec(make_mesh(lug_on_pin, folder / "lug.msh"), 2, "plane_stress"),
+        {"lug": Material(70e3, 0.33), "pin": Material(210e3, 0.3)},
+        {"pin_hole": [0.0, 0.0], "lug_end": [0.09, 0.02]},
         title="a lug pulled off its axis by a loose pin",
-        mesh=MeshSpec(make_mesh(lug_on_pin, folder / "lug.msh"), 2, "plane_stress"),
-        materials={"aluminium": Material(70e3, 0.33), "steel": Material(210e3, 0.3)},
-        bodies=[Body("lug", "aluminium"), Body("pin", "steel")],
         contacts=[Contact("pin_skin", "lug_bore", name="bore", friction=0.2)],
-        displacements=[Displacement("pin_hole", [0.0, 0.0]), Displacement("lug_end", [0.09, 0.02])],
         steps=Steps(count=3),
-        output=Output(fields=False),
     )
 
 
 def _roller(folder):
-    return Scene(
-        title="a crowned roller pressed on a block and pushed across it",
-        mesh=MeshSpec(make_mesh(crowned_roller, folder / "roller.msh"), 2),
-        materials={"steel": Material(210e3, 0.3), "bronze": Material(110e3, 0.34)},
-        bodies=[Body("roller", "steel"), Body("block", "bronze")],
-        contacts=[Contact("roller_tread", "block_top", name="tread", friction=0.3)],
-        displacements=[
+    return composed(
+        MeshSpec(make_mesh(crowned_roller, folder / "roller.msh"), 2),
+        {"roller": Material(210e3, 0.3), "block": Material(110e3, 0.34)},
+        [
             Displacement("block_bottom", [0.0, 0.0, 0.0]),
             Displacement("symmetry_y", ["free", 0.0, "free"]),
             Displacement("roller_top", ["free", "free", -0.05], [(0.0, 0.0), (1.0, 1.0)]),
             Displacement("roller_top", [0.015, "free", "free"], [(1.0, 0.0), (2.0, 1.0)]),
         ],
+        title="a crowned roller pressed on a block and pushed across it",
+        contacts=[Contact("roller_tread", "block_top", name="tread", friction=0.3)],
         steps=Steps(2.0, 4),
-        output=Output(fields=False),
     )
 
 
 def _disc_press(folder):
-    return Scene(
-        title="a copper disc between a stamp and an anvil",
-        mesh=MeshSpec(make_mesh(disc_in_press, folder / "disc_press.msh"), 2, "axisymmetric"),
-        materials={
-            "steel": Material(210e3, 0.3),
-            "copper": Material(120e3, 0.34, yield_stress=100.0, hardening=2000.0),
+    return composed(
+        MeshSpec(make_mesh(disc_in_press, folder / "disc_press.msh"), 2, "axisymmetric"),
+        {
+            "stamp": Material(210e3, 0.3),
+            "disc": Material(120e3, 0.34, yield_stress=100.0, hardening=2000.0),
+            "anvil": Material(210e3, 0.3),
         },
-        bodies=[Body("stamp", "steel"), Body("disc", "copper"), Body("anvil", "steel")],
+        {"anvil_bottom": ["free", 0.0], "stamp_top": ["free", -0.02]},
+        title="a copper disc between a stamp and an anvil",
         contacts=[
             Contact("disc_top", "stamp_skin", name="stamp", friction=0.1),
             Contact("disc_bottom", "anvil_top", name="anvil", friction=0.1),
         ],
-        displacements=[
-            Displacement("anvil_bottom", ["free", 0.0]),
-            Displacement("stamp_top", ["free", -0.02]),
-        ],
         steps=Steps(count=4),
-        output=Output(fields=False),
         petsc=DIRECT,
     )
 
@@ -194,19 +185,17 @@ def _punch(folder):
 
 def _cube(folder):
     path = make_mesh(cube_on_block, folder / "cube.msh", h=0.5)
-    return Scene(
+    return composed(
+        MeshSpec(path, order=2),
+        {"punch": Material(STIFF, 0.3), "block": Material(1.0, 0.3)},
+        {
+            "symmetry_x": [0.0, "free", "free"],
+            "symmetry_y": ["free", 0.0, "free"],
+            "block_bottom": ["free", "free", 0.0],
+            "punch_top": ["free", "free", STROKE],
+        },
         title="a stiff cube with sharp edges pressed on a block",
-        mesh=MeshSpec(path, order=2),
-        materials={"punch": Material(STIFF, 0.3), "block": Material(1.0, 0.3)},
-        bodies=[Body("punch", "punch"), Body("block", "block")],
         contacts=[Contact("block_under", "punch_face", name="face")],
-        displacements=[
-            Displacement("symmetry_x", [0.0, "free", "free"]),
-            Displacement("symmetry_y", ["free", 0.0, "free"]),
-            Displacement("block_bottom", ["free", "free", 0.0]),
-            Displacement("punch_top", ["free", "free", STROKE]),
-        ],
-        output=Output(fields=False),
     )
 
 
@@ -218,15 +207,13 @@ def _soft_punch(folder):
 
 def _receding(folder):
     path = make_mesh(two_blocks, folder / "receding.msh", 2, 4, 5, "triangle", order=2)
-    return Scene(
+    return composed(
+        MeshSpec(path, order=2),
+        dict.fromkeys(("lower", "upper"), Material(10.0, 0.3)),
+        {"lower_bottom": [0.0, 0.0], "upper_top": [0.0, "free"]},
         title="a block pressed in its middle, whose ends lift off",
-        mesh=MeshSpec(path, order=2),
-        materials={"soft": Material(10.0, 0.3)},
-        bodies=[Body("lower", "soft"), Body("upper", "soft")],
         contacts=[Contact("upper_bottom", "lower_top", name="face")],
-        displacements=[Displacement("lower_bottom", [0.0, 0.0]), Displacement("upper_top", [0.0, "free"])],
         loads=[Load("upper_top", traction=[0.0, "-0.5*exp(-100*(x-0.5)**2)"])],
-        output=Output(fields=False),
     )
 
 

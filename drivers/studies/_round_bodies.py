@@ -5,8 +5,9 @@ from functools import partial
 import numpy as np
 
 from drivers.cases import rings, thick_cylinder
+from drivers.studies._harness import composed
 from pcontact.material.orthotropic import stiffness
-from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Output, Scene
+from pcontact.scene.model import Body, Contact, Load, Material, MeshSpec
 
 LARGE, MIDDLE, SMALL = 1.0, 0.6, 0.3
 E, NU, PRESSURE = 1e9, 0.2, 1e7
@@ -61,15 +62,13 @@ def in_space(exact):
 def round_scene(path, degree, theta, title):
     """Two round bodies in space under an outer pressure."""
     sides = [[0.0 if i == k else "free" for i in range(3)] for k in range(3)]
-    return Scene(
+    return composed(
+        MeshSpec(path, order=degree),
+        dict.fromkeys(("outer", "inner"), Material(E, NU)),
+        {f"symmetry_{axis}": side for axis, side in zip("xyz", sides, strict=True)},
         title=f"{title}, degree {degree}, theta {theta:g}",
-        mesh=MeshSpec(path, order=degree),
-        materials={"m": Material(E, NU)},
-        bodies=[Body("outer", "m"), Body("inner", "m")],
         contacts=[Contact("inner_outer_skin", "outer_inner_skin", name="round", theta=theta)],
-        displacements=[Displacement(f"symmetry_{axis}", side) for axis, side in zip("xyz", sides, strict=True)],
         loads=[Load("outer_skin", pressure=PRESSURE)],
-        output=Output(fields=False),
     )
 
 

@@ -26,7 +26,7 @@ from pathlib import Path
 import numpy as np
 
 from drivers._common import draw, log, main, make_mesh, make_parser, print_table, running, write_json
-from drivers.studies._harness import solved
+from drivers.studies._harness import composed, solved
 from drivers.studies._named_pressure import Pressure
 from drivers.studies._named_pressure import made as made_pressure
 from meshes.punch import punch
@@ -39,7 +39,7 @@ from pcontact.mesh.remesh import write_refined
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
-from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Output, Scene
+from pcontact.scene.model import Contact, Displacement, Material, MeshSpec, Output
 from pcontact.scene.target import Target
 from pcontact.view.show import show
 
@@ -61,17 +61,12 @@ def punch_scene(path, degree, theta=1.0):
     degree : int
     theta : float
     """
-    return Scene(
+    return composed(
+        MeshSpec(path, order=degree),
+        {"punch": Material(STIFF, 0.3), "block": Material(1.0, 0.3)},
+        {"symmetry": [0.0, FREE], "block_bottom": [FREE, 0.0], "punch_top": [FREE, STROKE]},
         title=f"flat punch, degree {degree}",
-        mesh=MeshSpec(path, order=degree),
-        materials={"punch": Material(STIFF, 0.3), "block": Material(1.0, 0.3)},
-        bodies=[Body("punch", "punch"), Body("block", "block")],
         contacts=[Contact("block_under", "punch_face", name="face", theta=theta)],
-        displacements=[
-            Displacement("symmetry", [0.0, FREE]),
-            Displacement("block_bottom", [FREE, 0.0]),
-            Displacement("punch_top", [FREE, STROKE]),
-        ],
         output=Output(fields=True, estimate=True),
         petsc={"pc_type": "lu", "ksp_type": "preonly", "pc_factor_mat_solver_type": "mumps"},
     )

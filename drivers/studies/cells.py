@@ -18,6 +18,7 @@ import numpy as np
 from drivers._common import main, make_mesh, make_parser, print_table, running, write_json
 from drivers.cases import rings
 from drivers.error_norms import bulk_error
+from drivers.studies._harness import composed
 from drivers.studies.adapt import punch_scene
 from drivers.studies.effectivity import prepare
 from meshes import rings as ring_mesh
@@ -30,7 +31,7 @@ from pcontact.material.elastic import in_plane, lame
 from pcontact.mesh.refinement.split import split
 from pcontact.runtime.options import Options
 from pcontact.runtime.petsc import MPI, PETSc
-from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Output, Scene
+from pcontact.scene.model import Contact, Material, MeshSpec, Output
 from pcontact.scene.target import Target
 
 # numbers of cells, by the names of effectivity.py; those of --tiny first
@@ -69,12 +70,12 @@ def _rings(folder):
 
 def _blocks(degree, folder):
     path = make_mesh(two_blocks, folder / "blocks.msh", 3, 3, 2, "hexahedron")
-    return Scene(
-        mesh=MeshSpec(path, order=degree), materials={"m": Material(10.0, 0.3)},
-        bodies=[Body("lower", "m"), Body("upper", "m")], output=Output(fields=False),
+    return composed(
+        MeshSpec(path, order=degree),
+        dict.fromkeys(("lower", "upper"), Material(10.0, 0.3)),
+        {"lower_bottom": [0.0] * 3, "upper_top": [0.0, 0.0, -0.05]},
         contacts=[Contact("upper_bottom", "lower_top", name="face")],
-        displacements=[Displacement("lower_bottom", [0.0] * 3), Displacement("upper_top", [0.0, 0.0, -0.05])],
-    )  # fmt: skip
+    )
 
 
 # scenes and targets of --reach

@@ -14,11 +14,11 @@ import numpy as np
 
 from drivers._common import contact_points, main, make_mesh, make_parser, print_table, running, write_json
 from drivers.cases import hertz, rings
-from drivers.studies._harness import Counts
+from drivers.studies._harness import Counts, composed
 from meshes.rings import rings as ring_mesh
 from meshes.shells import shells
 from pcontact.material.elastic import lame
-from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Output, Scene
+from pcontact.scene.model import Contact, Load, Material, MeshSpec, Scene
 
 RADII = (1.0, 0.6, 0.3)
 # geometry of the cells, smooth_geometry
@@ -51,15 +51,13 @@ def shell_pressure(pressure: float = rings.PRESSURE, radii=RADII) -> float:
 def shell_scene(path, degree: int, **numerics) -> Scene:
     """The scene of two shells; further keys of the contact in `numerics`."""
     planes = [[0.0 if k == axis else "free" for k in range(3)] for axis in range(3)]
-    return Scene(
+    return composed(
+        MeshSpec(path, order=degree),
+        dict.fromkeys(("outer", "inner"), Material(rings.E, rings.NU)),
+        {f"symmetry_{'xyz'[k]}": value for k, value in enumerate(planes)},
         title=f"concentric shells, degree {degree}",
-        mesh=MeshSpec(path, order=degree),
-        materials={"shell": Material(rings.E, rings.NU)},
-        bodies=[Body("outer", "shell"), Body("inner", "shell")],
         contacts=[Contact("inner_outer_skin", "outer_inner_skin", name="sphere", **numerics)],
-        displacements=[Displacement(f"symmetry_{'xyz'[k]}", value) for k, value in enumerate(planes)],
         loads=[Load("outer_skin", pressure=rings.PRESSURE)],
-        output=Output(fields=False),
     )
 
 

@@ -8,6 +8,7 @@ ranks by work and contact, and the run on it begins where the last one has ended
 import time as clock
 
 from drivers._common import log, main, make_mesh, make_parser, print_table, write_json
+from drivers.studies._harness import composed
 from meshes import two_blocks
 from pcontact import build
 from pcontact.adapt.history import Beginning, Known, Watch
@@ -16,7 +17,7 @@ from pcontact.mesh.refinement.refine import Balance, refine
 from pcontact.runtime.errors import StepFailure
 from pcontact.runtime.options import Options
 from pcontact.runtime.petsc import MPI
-from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Output, Scene
+from pcontact.scene.model import Contact, Material, Output
 from pcontact.simulation import Simulation
 
 # [-] Cells that are cut because they are wanted smaller, and all: neighbours follow.
@@ -26,16 +27,14 @@ PRESSED = 0.02
 
 def blocks(path):
     """The scene: the upper block is pressed on the lower one, and both are held at their sides."""
-    return Scene(
+    return composed(
+        path,
+        {"lower": Material(10.0, 0.3), "upper": Material(30.0, 0.3)},
+        {"lower_bottom": [0.0, 0.0, 0.0], "upper_top": [0.0, 0.0, -PRESSED]},
         title="blocks of tetrahedra",
-        mesh=MeshSpec(path),
-        materials={"soft": Material(10.0, 0.3), "hard": Material(30.0, 0.3)},
-        bodies=[Body("lower", "soft"), Body("upper", "hard")],
         contacts=[Contact("upper_bottom", "lower_top", name="face")],
-        displacements=[Displacement("lower_bottom", [0.0, 0.0, 0.0]),
-                       Displacement("upper_top", [0.0, 0.0, -PRESSED])],
         output=Output(fields=False, estimate=True),
-    )  # fmt: skip
+    )
 
 
 def solved(scene, mesh=None, known=None):

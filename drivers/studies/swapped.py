@@ -17,9 +17,10 @@ from itertools import product
 import numpy as np
 
 from drivers._common import main, make_directory, make_mesh, make_parser, markdown, print_table, running, write_json
+from drivers.studies._harness import composed
 from meshes import rings, two_blocks
 from pcontact.runtime.petsc import MPI
-from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Output, Scene
+from pcontact.scene.model import Contact, Load, Material, MeshSpec
 
 # facets of the upper and the lower side
 FACETS = {"1:1": (12, 12), "2:1": (16, 8), "1:2": (8, 16), "10:1": (60, 6), "1:10": (6, 60)}
@@ -58,32 +59,27 @@ def ring_pressure(ratio, load):
 
 def ring_scene(path, order, ratio, friction, way):
     """Concentric rings, the outer one `ratio` times as stiff."""
-    return Scene(
+    return composed(
+        MeshSpec(path, order=order),
+        {"outer": Material(E=ratio, nu=POISSON), "inner": Material(E=1.0, nu=POISSON)},
+        {"symmetry_x": [0.0, "free"], "symmetry_y": ["free", 0.0]},
         title="exchanged rings",
-        mesh=MeshSpec(path, order=order),
-        materials={"inner": Material(E=1.0, nu=POISSON), "outer": Material(E=ratio, nu=POISSON)},
-        bodies=[Body("outer", "outer"), Body("inner", "inner")],
         contacts=[contact(RINGS, way, friction, clearance=0.0)],
-        displacements=[Displacement("symmetry_x", [0.0, "free"]), Displacement("symmetry_y", ["free", 0.0])],
         loads=[Load("outer_skin", pressure=1e-3 * min(1.0, ratio))],
-        output=Output(fields=False),
     )
 
 
 def scene(path, order, ratio, friction, way, strain="small"):
     """The blocks, the upper one `ratio` times as stiff."""
     unit = (1e-2 if strain == "finite" else 1e-3) * min(1.0, ratio)
-    return Scene(
+    return composed(
+        MeshSpec(path, order=order, strain=strain),
+        {"lower": Material(E=1.0, nu=0.3), "upper": Material(E=ratio, nu=0.3)},
+        {"lower_bottom": [0.0, 0.0], "left": [0.0, "free"], "right": [0.0, "free"]},
         title="exchanged surfaces",
-        mesh=MeshSpec(path, order=order, strain=strain),
-        materials={"lower": Material(E=1.0, nu=0.3), "upper": Material(E=ratio, nu=0.3)},
-        bodies=[Body("lower", "lower"), Body("upper", "upper")],
         contacts=[contact(BLOCKS, way, friction)],
-        displacements=[Displacement("lower_bottom", [0.0, 0.0]), Displacement("left", [0.0, "free"]),
-                       Displacement("right", [0.0, "free"])],
         loads=[Load("upper_top", traction=[0.0, f"{-unit}*(1 + 0.5*cos(2*pi*x))"])],
-        output=Output(fields=False),
-    )  # fmt: skip
+    )
 
 
 def solved(case):

@@ -18,12 +18,12 @@ from drivers._common import main, make_mesh, make_parser, markdown, print_table,
 from drivers.cases import disk_on_block, patch, rings, stack
 from drivers.cases.hertz import generate
 from drivers.studies import compare
-from drivers.studies._harness import Counts
+from drivers.studies._harness import Counts, composed
 from meshes import c_strip, heap, two_blocks
 from meshes import disk_on_block as disk_mesh
 from meshes import rings as ring_mesh
 from pcontact.contact.formulation import augmented
-from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Output, Scene, Steps
+from pcontact.scene.model import Contact, Load, Material, MeshSpec, Scene, Steps
 
 AUGMENTED, SETTLED = "augmented_lagrangian", 1e-4
 VARIANTS = ("source and target", "each alone", "both")
@@ -75,15 +75,13 @@ def circles(directory: Path, order: int) -> Scene:
 def lips(directory: Path, order: int) -> Scene:
     """An open ring that is pressed from outside until its lips meet, in three load steps."""
     path = make_mesh(c_strip, directory / "strip.msh", (3, 24), 1, "quadrilateral", gap=2.0)
-    return Scene(
-        mesh=MeshSpec(path, order=order),
-        materials={"m": Material(1000.0, 0.3)},
-        bodies=[Body("strip", "m")],
+    return composed(
+        MeshSpec(path, order=order),
+        {"strip": Material(1000.0, 0.3)},
+        {"back": [0.0, 0.0]},
         contacts=[Contact("skin", "skin", name="lips", search_radius=1.0)],
-        displacements=[Displacement("back", [0.0, 0.0])],
         loads=[Load("strip_outer", pressure=1.2)],
         steps=Steps(count=3),
-        output=Output(fields=False),
     )
 
 

@@ -8,6 +8,7 @@ The exit status is 1 where a case misses its bound on its finest mesh; `--tiny` 
 its own, of the cases that take a second.
 """
 
+import textwrap
 from functools import partial
 from pathlib import Path
 
@@ -27,7 +28,7 @@ from drivers.studies import (
 )
 from drivers.studies._harness import Rows, study_parser
 from drivers.studies._manual import RUN
-from pcontact.runtime.errors import InputError
+from pcontact.runtime.errors import InputError, StepFailure
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
 
@@ -52,8 +53,9 @@ def verify(name, folder, tiny=False):
     case = CASES[name]
     rows = []
     for level in case.levels[:1] if tiny else case.levels:
-        value = case.solve(make_directory(folder / name / str(level)), level)
-        if value is None:
+        try:
+            value = case.solve(make_directory(folder / name / str(level)), level)
+        except StepFailure:
             return rows, False
         rows.append((level, value, value / case.reference - 1.0))
     return rows, bool(abs(rows[-1][2]) <= case.bounds[0 if tiny else 1])
@@ -80,10 +82,7 @@ def page(name, rows):
 
 def _wrapped(text):
     """Lines of at most 120 characters."""
-    lines = [""]
-    for word in text.split():
-        lines = [*lines[:-1], f"{lines[-1]} {word}".strip()] if len(lines[-1]) + len(word) < 120 else [*lines, word]
-    return lines
+    return textwrap.wrap(text, 120, break_long_words=False, break_on_hyphens=False)
 
 
 def draw_case(name, run, path):

@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 import drivers
+from drivers.studies._manual import need
 from drivers.studies.verification import CASES, OVERVIEW, overview_row, page, verify
 
 PAGES = Path(drivers.__path__[0]).parent / "docs" / "verification"
@@ -23,8 +24,12 @@ def test_coarsest_mesh(shared_tmp, name):
 @pytest.mark.parametrize("value, holds", [(1.004, True), (0.99, False), (None, False)])
 def test_a_miss_is_seen(tmp_path, monkeypatch, value, holds):
     case = CASES["shrink_fit"]
-    found = None if value is None else value * case.reference
-    monkeypatch.setitem(CASES, "shrink_fit", case._replace(solve=lambda folder, level: found))
+
+    def solve(folder, level):
+        need(value is not None)
+        return value * case.reference
+
+    monkeypatch.setitem(CASES, "shrink_fit", case._replace(solve=solve))
     assert verify("shrink_fit", tmp_path, tiny=True)[1] is holds
 
 
