@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pcontact.mesh.mesh import bounding_box
 from pcontact.runtime.jit import njit_exact
 from pcontact.runtime.petsc import MPI
 
@@ -236,10 +237,7 @@ class Chooser:
         self.centres, self.corners = cells.centres[rows], np.ascontiguousarray(cells.corners(rows))
         self.slack = SLACK / np.ceil(np.log2(n_parts))
         d = cells.centres.shape[1]
-        low, high = np.full(d, np.inf), np.full(d, -np.inf)
-        if len(cells.centres):
-            low, high = cells.centres.min(axis=0), cells.centres.max(axis=0)
-        self.box = reduced(self.comm, low, MPI.MIN), reduced(self.comm, high, MPI.MAX)
+        self.box = bounding_box(self.comm, cells.centres)
         if not np.all(np.isfinite(self.box)):
             self.box = np.zeros(d), np.ones(d)
         # the sample stands for all cells, but cells with contact are all there

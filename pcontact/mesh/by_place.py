@@ -3,7 +3,7 @@
 import numpy as np
 
 from pcontact.element.reference import edge_nodes
-from pcontact.mesh.raw import facet_vertices, facets_of_nodes
+from pcontact.mesh.raw import facet_vertices, facets_of_nodes, numbered
 
 
 def cells_by_place(raw, test, within=None):
@@ -68,11 +68,10 @@ def nodes_by_place(raw, test, within=None):
     edges : ndarray (m, 2) int64
         Vertices of edges both ends and the middle of which are taken: nodes that come there belong to the group.
     """
-    nodes, edges, first = [], [], 0
-    for block in raw.blocks:
-        rows = np.arange(first, first + len(block.nodes))
-        own = block.nodes if within is None else block.nodes[np.isin(rows, within)]
-        first += len(block.nodes)
+    nodes, edges = [], []
+    chosen = np.ones(raw.offsets[-1], dtype=bool) if within is None else np.isin(np.arange(raw.offsets[-1]), within)
+    for block, rows in numbered(raw.blocks):
+        own = block.nodes[chosen[rows]]
         nodes.append(own.ravel())
         edges.append(np.sort(own[:, edge_nodes(block.cell)].reshape(-1, 2), axis=1))
     nodes, edges = np.unique(np.concatenate(nodes)), np.unique(np.concatenate(edges), axis=0)

@@ -197,11 +197,12 @@ def size_of(mesh):
     return float(np.linalg.norm(high - low))
 
 
-def bounding_box(comm, points):
-    """Corners (d,), (d,) of the box around the points of all ranks. *Collective.*"""
+def bounding_box(comm, points, others=None):
+    """Corners (d,), (d,) of the box around the points of all ranks, or around boxes from points to others.
+    *Collective.*"""
     d = points.shape[1]
-    low = points.min(axis=0) if len(points) else np.full(d, np.inf)
-    high = points.max(axis=0) if len(points) else np.full(d, -np.inf)
+    low = points.min(axis=0, initial=np.inf)
+    high = (points if others is None else others).max(axis=0, initial=-np.inf)
     boxes = np.array(comm.allgather(np.concatenate([low, high])))
     return boxes[:, :d].min(axis=0), boxes[:, d:].max(axis=0)
 
@@ -268,11 +269,17 @@ def as_met(tables, n):
     return order[:count], number
 
 
-def _scattered(h):
-    """Finaliser of the generator SplitMix64 (Steele, Lea, Flood 2014)."""
-    h = (h ^ (h >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    h = (h ^ (h >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    return h ^ (h >> np.uint64(31))
+def scattered(z):
+    """Unsigned numbers of 64 bits as such that look like random ones (SplitMix64: Steele, Lea, Flood 2014)."""
+    z = z + np.uint64(0x9E3779B97F4A7C15)
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return z ^ (z >> np.uint64(31))
+
+
+def mixed(numbers):
+    """Whole numbers (n,) :func:`scattered`."""
+    return scattered(np.asarray(numbers).astype(np.uint64))
 
 
 def hashes(*columns):
@@ -288,7 +295,7 @@ def hashes(*columns):
     for table in columns:
         for k in range(table.shape[1]):
             column = table[:, k] + 0.0 if table.dtype.kind == "f" else table[:, k].astype(np.int64)
-            h = _scattered(h + column.view(np.uint64) + np.uint64(0x9E3779B97F4A7C15))
+            h = scattered(h + column.view(np.uint64))
     return h
 
 

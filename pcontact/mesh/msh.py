@@ -16,33 +16,19 @@ from pathlib import Path
 
 import numpy as np
 
-from pcontact.mesh.raw import FileMesh, Table, default_name
+from pcontact.mesh.raw import NAMED, FileMesh, Table, default_name
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.files import SCRIPTS, replace_file
 from pcontact.runtime.jit import njit
 
-# gmsh's element types that the program knows: names (meshio's), dimensions, numbers of nodes
-_KINDS = {
-    1: ("line", 1, 2),
-    2: ("triangle", 2, 3),
-    3: ("quad", 2, 4),
-    4: ("tetra", 3, 4),
-    5: ("hexahedron", 3, 8),
-    6: ("wedge", 3, 6),
-    7: ("pyramid", 3, 5),
-    8: ("line3", 1, 3),
-    9: ("triangle6", 2, 6),
-    10: ("quad9", 2, 9),
-    11: ("tetra10", 3, 10),
-    12: ("hexahedron27", 3, 27),
-    13: ("wedge18", 3, 18),
-    14: ("pyramid14", 3, 14),
-    15: ("vertex", 0, 1),
-    16: ("quad8", 2, 8),
-    17: ("hexahedron20", 3, 20),
-    18: ("wedge15", 3, 15),
-    19: ("pyramid13", 3, 13),
-}
+# gmsh's element types that the program knows, from 1, by meshio's names
+_NAMES = (
+    "line", "triangle", "quad", "tetra", "hexahedron", "wedge", "pyramid", "line3", "triangle6", "quad9", "tetra10",
+    "hexahedron27", "wedge18", "pyramid14", "vertex", "quad8", "hexahedron20", "wedge15", "pyramid13",
+)  # fmt: skip
+_SIZES_OF = {"vertex": (0, 1), **{name: size for size, name in NAMED.items()}}
+# names, dimensions, numbers of nodes
+_KINDS = {number: (name, *_SIZES_OF[name]) for number, name in enumerate(_NAMES, 1)}
 # those that it has heard of, so that they can be named: types of each family and their numbers of nodes
 _OTHERS = {
     ("Line", 1): {26: 4, 27: 5, 28: 6, 62: 7, 63: 8, 64: 9, 65: 10, 66: 11},

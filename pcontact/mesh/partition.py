@@ -13,6 +13,7 @@ import numpy as np
 from pcontact.mesh.bisection import MOMENT_BITS, UNIT, Cells, bisect, moments, reduced
 from pcontact.mesh.mesh import bounding_box
 from pcontact.mesh.plex import least_told, owners, parts_of, plex
+from pcontact.mesh.raw import numbered
 from pcontact.mesh.slices import Corners
 from pcontact.runtime.declared import OPTIONS
 from pcontact.runtime.jit import njit
@@ -36,14 +37,6 @@ WORK = {"triangle": 1.0, "quadrilateral": 2.0, "tetrahedron": 1.0, "hexahedron":
 WEIGHT = OPTIONS["partition_weight"].default
 # more is no different
 HEAVY = 1e6
-
-
-def _box(comm, low, high):
-    """The box (2, d) around boxes of all ranks. *Collective.*"""
-    d = low.shape[1]
-    low = low.min(axis=0) if len(low) else np.full(d, np.inf)
-    high = high.max(axis=0) if len(high) else np.full(d, -np.inf)
-    return reduced(comm, low, MPI.MIN), reduced(comm, high, MPI.MAX)
 
 
 @njit
@@ -77,11 +70,11 @@ def _close(comm, source, target, radius):
 
     source, target : low, high, mean (n, d) of facets. radius [length], or None.
     """
-    low, high = _box(comm, *target[:2])
+    low, high = bounding_box(comm, *target[:2])
     if not np.all(np.isfinite(low)):
         return np.zeros(len(source[2]), dtype=bool)
     if radius is None:
-        around = _box(comm, *source[:2])
+        around = bounding_box(comm, *source[:2])
         if not np.all(np.isfinite(around[0])):
             return np.zeros(0, dtype=bool)
         radius = REACH * min(np.linalg.norm(high - low), np.linalg.norm(around[1] - around[0]))
@@ -304,8 +297,8 @@ def _work(piece, facets, weight):
     """Work (n,) of the cells of a slice in whole numbers of `UNIT`."""
     cell = np.empty(len(piece.ids))
     least = min(WORK[block.cell] for block in piece.blocks)
-    for block, first in zip(piece.blocks, piece.starts[:-1], strict=True):
-        cell[first : first + len(block.nodes)] = WORK[block.cell] / least
+    for block, own in numbered(piece.blocks):
+        cell[own] = WORK[block.cell] / least
     # sums of whole numbers of 64 bits are exact
     return np.round(UNIT * (cell + min(weight, HEAVY) * facets)).astype(np.int64)
 

@@ -480,6 +480,15 @@ def say_lost(path, lost):
     log.warning("%s: left out: %s %s%s: %s", path, word, ", ".join(names[:3]), more, why)
 
 
+def numbered(blocks):
+    """Blocks, each with the rows of its cells among those of all."""
+    first = 0
+    for block in blocks:
+        end = first + len(block.nodes)
+        yield block, slice(first, end)
+        first = end
+
+
 def default_name(dim, tag):
     """Name of a group that has only a number, for example "surface_12"."""
     return f"{DIMENSION_NAMES[dim]}_{tag}"
@@ -514,16 +523,15 @@ def facets_among(blocks, wanted, n_vertices):
     cells, local : ndarray, (n,) int64
         Cell numbers, and local facet numbers.
     """
-    parts, first = [], 0
-    for block in blocks:
+    parts = []
+    for block, own in numbered(blocks):
         for kind, rows in facet_kinds(block.cell):
             if CELLS[CELLS[kind].facet].n_vertices == n_vertices:
                 table, vertices = facet_nodes(kind, 1)[rows], block.vertices
                 near = np.flatnonzero(_wanted_cells(wanted, block.nodes, vertices.shape[1], n_vertices))
                 corners = vertices[near][:, table]
                 row, local = np.nonzero(wanted[corners].all(axis=2))
-                parts.append((corners[row, local], first + near[row], rows[local]))
-        first += len(block.nodes)
+                parts.append((corners[row, local], own.start + near[row], rows[local]))
     if not parts:
         return np.zeros((0, n_vertices), np.int64), np.zeros(0, np.int64), np.zeros(0, np.int64)
     return tuple(np.concatenate(columns) for columns in zip(*parts, strict=True))

@@ -27,6 +27,7 @@ from pcontact.mesh.raw import (
     fill,
     lower_groups,
     number_rows,
+    numbered,
     sorted_rows,
     with_gaps,
 )
@@ -185,35 +186,32 @@ def _blocks(file, dim):
 
 
 def _check_repeated_nodes(file, path, blocks, tags):
-    first = 0
-    for block in blocks:
+    for block, own in numbered(blocks):
         nodes = sorted_rows(block.nodes)
         same = (nodes[:, 1:] == nodes[:, :-1]) & (nodes[:, 1:] >= 0)
         rows = np.flatnonzero(same.any(axis=1))
         if len(rows):
             node = file.tags[nodes[rows[0], 1:][same[rows[0]]][0]]
+            named = cell_name(file.points, blocks, tags, own.start + rows[0])
             raise InputError(
-                f"{path}: {cell_name(file.points, blocks, tags, first + rows[0])} is degenerate: it has node {node} "
-                f"more than once ({len(rows)} in all); allowed: different nodes"
+                f"{path}: {named} is degenerate: it has node {node} more than once ({len(rows)} in all); "
+                "allowed: different nodes"
             )
-        first += len(block.nodes)
 
 
 def _same_vertices(blocks, n_points):
     """For every cell the first cell that has the same vertices, (n_cells,)."""
     first = np.arange(sum(len(block.nodes) for block in blocks))
-    offsets = np.cumsum([0] + [len(block.nodes) for block in blocks])
     for cell in dict.fromkeys(block.cell for block in blocks):
-        mine = [(b, o) for b, o in zip(blocks, offsets[:-1], strict=True) if b.cell == cell]
-        ids = np.concatenate([np.arange(o, o + len(b.nodes)) for b, o in mine])
-        earliest, number = number_rows(np.concatenate([b.vertices for b, _ in mine]), n_points)
+        mine = [(block, first[own]) for block, own in numbered(blocks) if block.cell == cell]
+        ids = np.concatenate([own for _, own in mine])
+        earliest, number = number_rows(np.concatenate([block.vertices for block, _ in mine]), n_points)
         first[ids] = ids[earliest[number]]
     return first
 
 
 def _drop_repeats(blocks, tags, groups):
     """Keep one of the cells that a file lists once for each of several groups."""
-    offsets = np.cumsum([0] + [len(block.nodes) for block in blocks])
     first = _same_vertices(blocks, 1 + max(int(block.nodes.max()) for block in blocks))
     keep = first == np.arange(len(first))
     if keep.all() or any(len(np.unique(first[cells])) < len(cells) for cells in groups.values()):
@@ -223,8 +221,7 @@ def _drop_repeats(blocks, tags, groups):
         grouped[cells] = True
     keep |= ~grouped
     number = np.cumsum(keep) - 1
-    pieces = np.split(keep, offsets[1:-1])
-    kept = [Block(b.cell, b.degree, b.nodes[piece]) for b, piece in zip(blocks, pieces, strict=True)]
+    kept = [Block(block.cell, block.degree, block.nodes[keep[own]]) for block, own in numbered(blocks)]
     groups = {name: np.sort(number[first[cells]]) for name, cells in groups.items()}
     return kept, tags[keep], groups
 

@@ -17,9 +17,9 @@ import numpy as np
 from pcontact.element.quadrature import quadrature
 from pcontact.element.reference import CELLS, facet_kinds, facet_nodes, n_nodes, reference_nodes
 from pcontact.element.shape import shape_gradient
-from pcontact.mesh.mesh import Facets
+from pcontact.mesh.mesh import Facets, mixed
 from pcontact.mesh.plex import owners, told
-from pcontact.mesh.raw import Block, facet_vertices, facets_among, find_facets, number_rows
+from pcontact.mesh.raw import Block, facet_vertices, facets_among, find_facets, number_rows, numbered
 from pcontact.runtime import log
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.jit import njit
@@ -264,11 +264,9 @@ def orient(path, points, blocks, tags):
     turned = sense == REVERSED
     if not turned.any():
         return
-    first = 0
-    for block in blocks:
-        rows = np.flatnonzero(turned[first : first + len(block.nodes)])
+    for block, own in numbered(blocks):
+        rows = np.flatnonzero(turned[own])
         block.nodes[rows] = block.nodes[rows][:, mirror(block.cell, block.degree)]
-        first += len(block.nodes)
     what = "is inverted: it lies on the same side of a facet as its neighbour"
     bad = _folded(blocks, len(points), turned)
     _refuse(path, points, blocks, tags, bad, what, "cells that lie beside each other")
@@ -280,10 +278,9 @@ def _folded(blocks, n_points, turned):
 
     turned (n,): their numbering has been turned. Of two such cells the one is meant that differs from most others.
     """
-    wanted, first = np.zeros(n_points, dtype=bool), 0
-    for block in blocks:
-        wanted[block.vertices[turned[first : first + len(block.nodes)]]] = True
-        first += len(block.nodes)
+    wanted = np.zeros(n_points, dtype=bool)
+    for block, own in numbered(blocks):
+        wanted[block.vertices[turned[own]]] = True
     few = turned if 2 * turned.sum() <= len(turned) else ~turned
     bad = np.zeros(len(turned), dtype=bool)
     kinds = {kind for block in blocks for kind, _ in facet_kinds(block.cell)}
@@ -331,14 +328,6 @@ def _refuse(path, points, blocks, tags, bad, what, allowed):
     if bad.any():
         named = cell_name(points, blocks, tags, int(np.flatnonzero(bad)[0]))
         raise InputError(f"{path}: {named} {what} ({bad.sum()} in all); allowed: {allowed}")
-
-
-def mixed(numbers):
-    """Numbers (n,) as 64 bits that look like random ones (S. Vigna's splitmix64)."""
-    z = np.asarray(numbers).astype(np.uint64) + np.uint64(0x9E3779B97F4A7C15)
-    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    return z ^ (z >> np.uint64(31))
 
 
 def once(keys):
@@ -517,10 +506,9 @@ def _connected(mesh, regions):
     whole = label([order[:, None].repeat(2, axis=1), pairs], n)[:n]
     number = np.empty(n, dtype=np.int64)
     number[order] = whole
-    start, names = 0, [set() for _ in range(int(number.max(initial=-1)) + 1)]
-    for block in mesh.blocks:
-        block.components = number[own[start : start + len(block.ids)]]
-        start += len(block.ids)
+    names = [set() for _ in range(int(number.max(initial=-1)) + 1)]
+    for block, rows in numbered(mesh.blocks):
+        block.components = number[own[rows]]
     for k, body in sorted(set().union(*comm.allgather(set(zip(number[own].tolist(), bodies.tolist(), strict=True))))):
         names[k].add(body)
     return len(names), [" + ".join(regions[body] for body in sorted(some)) for some in names]
@@ -531,10 +519,9 @@ def _joints(mesh, tables, own):
     comm, none = mesh.comm, np.zeros((0, 2), dtype=np.int64)
     if comm.size == 1:
         return none
-    part, first = np.full(len(mesh.points), -1, dtype=np.int64), 0
-    for table in tables:
-        part[table] = own[first : first + len(table), None]
-        first += len(table)
+    part = np.full(len(mesh.points), -1, dtype=np.int64)
+    for table, (_, rows) in zip(tables, numbered(mesh.blocks), strict=True):
+        part[table] = own[rows, None]
     nodes = np.flatnonzero(part >= 0)
     own = part[nodes]
     theirs = told(owners(comm, mesh.file_nodes[nodes], mesh.n_nodes_total), own)
@@ -588,20 +575,19 @@ def cut(raw, name):
     centre, normal, off = plane(raw.points[nodes])
     if off > PLANE:
         raise InputError(f"{raw.path}: section {name!r}: found nodes that are not in a plane; allowed: a plane section")
-    first, count = 0, len(raw.points)
+    count = len(raw.points)
     twin = np.arange(count)
     twin[nodes] = count + np.arange(len(nodes))
     sides, upper = {False: [], True: []}, []
-    for block in raw.blocks:
+    for block, cells_of in numbered(raw.blocks):
         touching = np.flatnonzero(np.isin(block.nodes, nodes).any(axis=1))
         above = (raw.points[block.vertices[touching]].mean(axis=1) - centre) @ normal > 0.0
         for side, (kind, numbers) in itertools.product(sides, facet_kinds(block.cell)):
             own, table = touching[above == side], facet_nodes(kind, block.degree)[numbers]
             inside = np.isin(block.nodes[own][:, table], nodes).all(axis=2)
             row, facet = np.nonzero(inside)
-            sides[side].append((first + own[row], numbers[facet]))
+            sides[side].append((cells_of.start + own[row], numbers[facet]))
         upper.append(touching[above])
-        first += len(block.nodes)
     sides = {side: tuple(np.concatenate(parts) for parts in zip(*rows, strict=True)) for side, rows in sides.items()}
     if not len(cells) == len(sides[False][0]) == len(sides[True][0]):
         raise InputError(

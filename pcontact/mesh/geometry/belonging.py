@@ -14,10 +14,10 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact.element.reference import CELLS, edge_nodes
-from pcontact.mesh.mesh import bounding_box
+from pcontact.mesh.mesh import bounding_box, mixed
 from pcontact.mesh.msh import apart
 from pcontact.mesh.refinement.numbering import Neighbours, values_by_key
-from pcontact.mesh.topology import mixed, outer_facets
+from pcontact.mesh.topology import outer_facets
 from pcontact.runtime import log, process
 from pcontact.runtime.errors import InputError, input_error
 from pcontact.runtime.files import GEOMETRIES

@@ -19,9 +19,10 @@ import numpy as np
 
 from pcontact.element.reference import CELLS, edge_nodes, face_nodes
 from pcontact.mesh.geometry.belonging import NONE, belonging, opened
+from pcontact.mesh.mesh import mixed
 from pcontact.mesh.refinement.simplices import BASE, HALF, LINEAR, interpolate, middle_key
 from pcontact.mesh.refinement.simplices import place as find
-from pcontact.mesh.topology import jacobians, mixed
+from pcontact.mesh.topology import jacobians
 from pcontact.runtime import log
 from pcontact.runtime.jit import njit_exact, njit_inline
 from pcontact.runtime.parallel import together

@@ -82,7 +82,7 @@ def _gathered(exchanger, mesh, path, every):
         tables.setdefault(block.cell, []).append(rows)
     tables = {cell: np.concatenate(parts) for cell, parts in tables.items()}
     tables = {cell: rows[np.argsort(rows[:, 0])] for cell, rows in tables.items()}
-    groups = [_members(exchanger, mesh, kind) for kind in ("cell", "facet", "node", "edge")]
+    groups = [{name: _on_root(exchanger, rows) for name, rows in one.items()} for one in _members(mesh)]
     if mesh.comm.rank:
         return None
     cells = sorted(tables, key=lambda cell: tables[cell][0, 0] if len(tables[cell]) else 0)
@@ -103,21 +103,12 @@ def _gathered(exchanger, mesh, path, every):
     return raw
 
 
-def _members(exchanger, mesh, kind):
-    """Members of the groups of a kind by their numbers, on rank 0. *Collective.*"""
-    result = {}
-    if kind == "cell":
-        for name, parts in mesh.cell_groups.items():
-            ids = [block.ids[rows] for block, rows in zip(mesh.blocks, parts, strict=True)]
-            result[name] = _on_root(exchanger, np.concatenate(ids)[:, None])
-    elif kind == "facet":
-        for name, parts in mesh.facet_groups.items():
-            rows = [np.column_stack([mesh.blocks[f.block].ids[f.cells], f.local]) for f in parts]
-            result[name] = _on_root(exchanger, np.concatenate([np.zeros((0, 2), np.int64), *rows]))
-    elif kind == "node":
-        for name, nodes in mesh.node_groups.items():
-            result[name] = _on_root(exchanger, mesh.file_nodes[nodes][:, None])
-    else:
-        for name, edges in mesh.edge_groups.items():
-            result[name] = _on_root(exchanger, edges)
-    return result
+def _members(mesh):
+    """Members of groups of cells, facets (cells, local facets), nodes and edges on this rank, by their numbers."""
+    ids, none = [block.ids for block in mesh.blocks], np.zeros((0, 2), np.int64)
+    cells = {name: np.concatenate([own[rows] for own, rows in zip(ids, parts, strict=True)])[:, None]
+             for name, parts in mesh.cell_groups.items()}  # fmt: skip
+    facets = {name: np.concatenate([none, *(np.column_stack([ids[f.block][f.cells], f.local]) for f in parts)])
+              for name, parts in mesh.facet_groups.items()}  # fmt: skip
+    nodes = {name: mesh.file_nodes[nodes][:, None] for name, nodes in mesh.node_groups.items()}
+    return cells, facets, nodes, mesh.edge_groups

@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pcontact.mesh.mesh import mixed
 from pcontact.mesh.refinement.simplices import home_of_key
 from pcontact.mesh.slices import COLUMN, MeshSlice, SliceBlock, bits
-from pcontact.mesh.topology import mixed
 from pcontact.runtime.parallel import split_by_rank
 
 # bits of a node; further neighbours have the last one together

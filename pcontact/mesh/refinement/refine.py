@@ -18,7 +18,7 @@ from pcontact.element.shape import shape
 from pcontact.mesh.distribute import deal
 from pcontact.mesh.geometry.belonging import belonging
 from pcontact.mesh.geometry.moving import halves_placed, placed
-from pcontact.mesh.mesh import Mesh
+from pcontact.mesh.mesh import Mesh, mixed
 from pcontact.mesh.partition import WEIGHT
 from pcontact.mesh.refinement.numbering import (
     Neighbours,
@@ -33,7 +33,6 @@ from pcontact.mesh.refinement.numbering import (
 )
 from pcontact.mesh.refinement.simplices import BASE, LINEAR, WISHED, Forest, Wishes, interpolate, opposite
 from pcontact.mesh.slices import COLUMN, MeshSlice, SliceBlock, bits, has_bit
-from pcontact.mesh.topology import mixed
 from pcontact.runtime import profile
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import Exchanger, together

@@ -34,7 +34,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact.element.reference import CELLS, edge_nodes
-from pcontact.mesh.topology import mixed
+from pcontact.mesh.mesh import mixed, scattered
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.jit import njit_exact, njit_inline, njit_inner_exact
 
@@ -55,20 +55,14 @@ WISHED = 56
 ROOM = 1.5
 
 
-@njit_inline
-def _mixed(number):
-    """One number as :func:`pcontact.mesh.topology.mixed` has it."""
-    z = np.uint64(number) + np.uint64(0x9E3779B97F4A7C15)
-    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    return z ^ (z >> np.uint64(31))
+_scattered = njit_inline(scattered)
 
 
 @njit_inline
 def middle_key(a, b):
     """Key of the node between two others."""
     low, high = min(a, b), max(a, b)
-    return _mixed(low * np.uint64(3) + _mixed(high))
+    return _scattered(low * np.uint64(3) + _scattered(high))
 
 
 def middle_keys(one, other):

@@ -31,11 +31,10 @@ from pcontact.element.reference import CELLS, edge_nodes, n_nodes, reference_nod
 from pcontact.element.shape import shape, shape_gradient
 from pcontact.mesh.distribute import deal
 from pcontact.mesh.geometry.moving import put_on
-from pcontact.mesh.mesh import Mesh
+from pcontact.mesh.mesh import Mesh, mixed
 from pcontact.mesh.refinement.numbering import Part, sliced
 from pcontact.mesh.refinement.refine import SIMPLICES, Balance, carried_over
 from pcontact.mesh.refinement.simplices import middle_keys
-from pcontact.mesh.topology import mixed
 from pcontact.runtime import profile
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import Exchanger
