@@ -35,7 +35,7 @@ from pcontact.mesh.raw import RawMesh
 from pcontact.mesh.topology import OTHER, cut, missing, without
 from pcontact.pairs import contact_reports, oriented, since_of, tied_pairs
 from pcontact.runtime import log, profile
-from pcontact.runtime.errors import TOLD, input_error
+from pcontact.runtime.errors import TOLD, counted, input_error
 from pcontact.runtime.parallel import together
 from pcontact.runtime.petsc import MPI, PETSc
 from pcontact.scene.amplitude import Squared, amplitude, amplitude_of
@@ -648,9 +648,8 @@ def _check_joined(scene, space):
         )  # fmt: skip
     names = [" - ".join(sorted((mesh.component_names[a], mesh.component_names[b]))) for a, b in found.bodies]
     if names:
-        said = ", ".join(f"{name} ({names.count(name)} times)" if names.count(name) > 1 else name
-                         for name in dict.fromkeys(names))  # fmt: skip
-        log.warning("bodies touch and no contact is between their facets: %s; they may pass through each other", said)
+        log.warning("bodies touch and no contact is between their facets: %s; they may pass through each other",
+                    counted(names))  # fmt: skip
 
 
 def _warn_of_stress(scene):

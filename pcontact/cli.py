@@ -24,7 +24,7 @@ from pcontact.mesh.hdf5 import convert, mesh_sizes, write
 from pcontact.mesh.mesh import size_of
 from pcontact.runtime import log, process
 from pcontact.runtime.declared import COMMAND_LINE, CONVERT, DEMO, JSON, MODES, NEW, WARM, read_all
-from pcontact.runtime.errors import TOLD, InputError
+from pcontact.runtime.errors import TOLD, InputError, counted
 from pcontact.runtime.files import replace_file
 from pcontact.runtime.options import Options
 from pcontact.runtime.parallel import on_root
@@ -129,7 +129,7 @@ def check_scene(scene):
             log.info("contact %s: %d surfaces, %d pairs of them near enough to meet%s", contact.name, len(low),
                      len(near), _named(mesh.component_names, near))  # fmt: skip
     held = [name for k, name in enumerate(mesh.component_names) if k not in simulation.floating]
-    log.info("held by supports: %s", _counted(held) or "no body")
+    log.info("held by supports: %s", counted(held) or "no body")
     log.info("costs: %s", "\n       ".join(cost_forecast(simulation.problem, simulation.scene)))
     # a forecast chooses its own options: those that were chosen here are no user's
     simulation.free()
@@ -289,15 +289,9 @@ def _reach(simulation):
     return supports + max(moving)
 
 
-def _counted(names):
-    """Names, each once, and how often where several bodies have the same."""
-    count = {name: names.count(name) for name in dict.fromkeys(names)}
-    return ", ".join(f"{name} ({n} times)" if n > 1 else name for name, n in count.items())
-
-
 def _named(names, pairs):
     """Names of pairs of bodies for a message, each once."""
-    words = _counted([" - ".join(sorted((names[a], names[b]))) for a, b in pairs.tolist()])
+    words = counted([" - ".join(sorted((names[a], names[b]))) for a, b in pairs.tolist()])
     return f": {words}" if words else ""
 
 

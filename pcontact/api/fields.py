@@ -8,6 +8,7 @@ import numpy as np
 
 from pcontact.api.tables import Named, html, lost
 from pcontact.io.fields import NODE_NUMBER
+from pcontact.mesh.raw import distinct
 
 
 class Fields:
@@ -132,12 +133,7 @@ def _joined(parts: list[Fields]) -> Fields:
     """The parts of all ranks in one: each node once, nodes, cells and points by their numbers."""
     numbers = np.concatenate([part.node_numbers for part in parts])
     bodies = np.concatenate([_body_of_nodes(part) for part in parts])
-    order = np.lexsort((bodies, numbers))
-    fresh = np.ones(len(order), dtype=bool)
-    fresh[1:] = (np.diff(numbers[order]) != 0) | (np.diff(bodies[order]) != 0)
-    place = np.empty(len(order), dtype=np.int64)
-    place[order] = np.cumsum(fresh) - 1
-    kept = order[fresh]
+    kept, place = distinct(numbers, bodies)
     point_data = {name: np.concatenate([part.point_data[name] for part in parts])[kept] for name in parts[0].point_data}
     points = np.concatenate([part.points for part in parts])[kept]
     cells, rows = _joined_cells(parts, place)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from pcontact.api.scenes import from_dict, read
+from pcontact.api.scenes import scene_of
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.options import Options
 from pcontact.runtime.petsc import MPI, PETSc
@@ -38,10 +38,7 @@ def problem(
     InputError
         The scene, the mesh or an option is wrong, or the scene has inertia; on every rank.
     """
-    if isinstance(scene, Mapping):
-        scene = from_dict(scene)
-    elif not isinstance(scene, model.Scene):
-        scene = read(scene)
+    scene = scene_of(scene)
     if scene.dynamics is not None:
         raise InputError("problem: found [dynamics]; allowed: a scene without inertia")
     before = PETSc.Options().getAll()

@@ -11,7 +11,7 @@ from pcontact.adapt.loop import Loop
 from pcontact.adapt.passes import wanted
 from pcontact.api.fields import Fields
 from pcontact.api.results import Run
-from pcontact.api.scenes import from_dict, read
+from pcontact.api.scenes import scene_of
 from pcontact.api.tables import shown
 from pcontact.assembly.item import Item
 from pcontact.io.report import jsonable
@@ -75,10 +75,7 @@ def run(
     comm = MPI.COMM_WORLD if comm is None else comm
     with log.of_a_library(comm.rank, level), own_options():
         Options("options").give(options or {})
-        if isinstance(scene, Mapping):
-            scene = from_dict(scene)
-        elif not isinstance(scene, model.Scene):
-            scene = read(scene)
+        scene = scene_of(scene)
         aimed = wanted(scene, Options("options"))
         if aimed is not None and items:
             raise InputError("run: found items in a run that reaches an error; allowed: one of the two")

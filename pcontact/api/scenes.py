@@ -105,6 +105,13 @@ def _entry(kind: type, value: Any) -> Any:
     return _made(kind, value)
 
 
+def scene_of(scene: model.Scene | Mapping[str, Any] | str | Path) -> model.Scene:
+    """A scene, or what stands for one: its tables, or a scene file."""
+    if isinstance(scene, Mapping):
+        return from_dict(scene)
+    return scene if isinstance(scene, model.Scene) else read(scene)
+
+
 def read(path: str | Path, **changes: Any) -> Scene:
     """Read and check a scene file.
 

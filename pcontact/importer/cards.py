@@ -359,7 +359,10 @@ class _Instance:
 
     def rows(self, card):
         """Lines of a card, as the assembly has them."""
-        return _ROWS.get(card.key, _Instance._sets)(self, card)
+        if card.key in _ROWS:
+            return _ROWS[card.key](self, card)
+        ranges = "GENERATE" in card.parameters and card.key in ("NSET", "ELSET")
+        return self._named(card, 2 if ranges else _NAMED[card.key]) if card.key in _NAMED else self._sets(card)
 
     def _card(self, card):
         parameters = {name: self.word(value) if name in _NAMES or name == _DEFINES.get(card.key) else value
@@ -370,8 +373,10 @@ class _Instance:
         """Sets alone: numbers of other cards are values."""
         return [(place, [self.word(w) if not w.isdigit() else w for w in words]) for place, words in card.rows]
 
-    def _first(self, card):
-        return [(place, [self.word(words[0]), *words[1:]]) for place, words in card.rows]
+    def _named(self, card, count):
+        """The first words of each line name nodes or elements, or all of them: None."""
+        end = slice(None) if count is None else slice(count)
+        return [(place, [*map(self.word, words[end]), *words[len(words[end]) :]]) for place, words in card.rows]
 
     def _node(self, card):
         rows = []
@@ -379,15 +384,6 @@ class _Instance:
             x = (card.numbers(place, words[1:4]) + [0.0] * 3)[:3]
             rows.append((place, [self.word(words[0]), *map(repr, self.place.point(x).tolist())]))
         return rows
-
-    def _element(self, card):
-        return [(place, [self.word(w) for w in words]) for place, words in card.rows]
-
-    def _set(self, card):
-        return self._range(card) if "GENERATE" in card.parameters else self._element(card)
-
-    def _range(self, card):
-        return [(place, [*map(self.word, words[:2]), *words[2:]]) for place, words in card.rows]
 
     def _equation(self, card):
         """Terms have three words each, a line with one word is their number."""
@@ -401,7 +397,7 @@ class _Instance:
         if kind == "SEGMENTS":
             return [(place, [words[0], *self._pairs(card, place, words)]) for place, words in card.rows]
         if kind not in _FRAMES:
-            return self._first(card)
+            return self._named(card, 1)
         rows = [(place, words) for place, words in card.rows if any(words)]
         begin = next((k for k, (_, words) in enumerate(rows) if words[0].upper() == "START"), len(rows))
         numbers = [x for place, words in rows[:begin] for x in card.numbers(place, words)] or _FRAMES[kind]
@@ -431,10 +427,10 @@ class _Instance:
 
 
 # how lines of cards that speak of nodes or elements are read; names of sets are in any
-_ROWS = {"NODE": _Instance._node, "ELEMENT": _Instance._element, "NSET": _Instance._set, "ELSET": _Instance._set,
-         "NGEN": _Instance._range, "ELGEN": _Instance._first, "SURFACE": _Instance._surface,
-         "BOUNDARY": _Instance._first, "EQUATION": _Instance._equation, "ORIENTATION": _Instance._orientation,
-         "TRANSFORM": _Instance._orientation}  # fmt: skip
+_ROWS = {"NODE": _Instance._node, "SURFACE": _Instance._surface, "EQUATION": _Instance._equation,
+         "ORIENTATION": _Instance._orientation, "TRANSFORM": _Instance._orientation}  # fmt: skip
+# how many words of their lines do
+_NAMED = {"ELEMENT": None, "NSET": None, "ELSET": None, "NGEN": 2, "ELGEN": 1, "BOUNDARY": 1}
 
 
 def flat(cards):

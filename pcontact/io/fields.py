@@ -27,9 +27,9 @@ import h5py
 import numpy as np
 
 from pcontact.io import vtu
-from pcontact.runtime.errors import TOLD, InputError
+from pcontact.runtime.errors import InputError
 from pcontact.runtime.files import Hdf5Aside, going_on, make_directory, telling
-from pcontact.runtime.parallel import aside_of_root, on_root, write_rows
+from pcontact.runtime.parallel import aside_of_root, on_root, together, write_rows
 
 ROOT, VERSION = "VTKHDF", (2, 1)
 _MESH = ("Points", "Connectivity", "Offsets", "Types")
@@ -172,23 +172,6 @@ class Cloud:
     data: dict = field(default_factory=dict)
 
 
-def on_all(comm, function, *args, root=False):
-    """Call a function; what one rank raises is raised by all, so that none waits for ever. *Collective.*
-
-    With `root` the result is that of rank 0.
-    """
-    result = error = None
-    try:
-        result = function(*args)
-    except (*TOLD, ValueError) as problem:
-        # what it was raised from stays on this rank
-        error = (type(problem) if isinstance(problem, TOLD) else ValueError)(str(problem))
-    errors = [problem for problem in comm.allgather(error) if problem is not None]
-    if errors:
-        raise errors[0]
-    return comm.bcast(result) if root else result
-
-
 def agree(comm, grids):
     """Each part's arrays and the ranks that own some of it, the same on all ranks. *Collective.*
 
@@ -210,7 +193,7 @@ def agree(comm, grids):
         On all ranks: their arrays differ.
     """
     gathered = comm.gather({key: _signatures(grid) for key, grid in grids.items()})
-    return on_all(comm, lambda: _merged(gathered) if gathered else None, root=True)
+    return comm.bcast(on_root(comm, _merged, gathered))
 
 
 def grids_of(bodies, surfaces, points):
@@ -398,17 +381,17 @@ class FieldWriter:
         OutputError
             On all ranks: one of them could not write.
         """
-        grids = on_all(self.comm, grids_of, bodies, surfaces or {}, points or {})
+        grids = together(self.comm, grids_of, bodies, surfaces or {}, points or {})
         parts = agree(self.comm, grids)
         for key, part in parts.items():
             grid = grids.setdefault(key, vtu.no_cells())
             fill(grid.point_data, part["point_data"])
             fill(grid.cell_data, part["cell_data"])
         if not self._began:
-            on_all(self.comm, self._begin)
+            together(self.comm, self._begin)
             self._began = True
         if self._kind == "vtu":
-            on_all(self.comm, self._write_pieces, step, grids, parts)
+            together(self.comm, self._write_pieces, step, grids, parts)
             files = {key: f"{part['file']}_{step:06d}.pvtu" for key, part in parts.items()}
         else:
             files = {None: f"step_{step:06d}.vtkhdf"}
@@ -416,7 +399,7 @@ class FieldWriter:
             same = {key: file for key, (_, file) in meshes.items() if file != files[None]}
             write_step(self.comm, self.directory / "fields" / files[None], grids, parts, self._level, same)
             self._meshes = meshes
-        on_all(self.comm, self._enter, time, parts, files)
+        together(self.comm, self._enter, time, parts, files)
 
     def _take_up(self, resume_time):
         """Entries of the earlier run up to a time; None if there are no fields."""

@@ -4,6 +4,8 @@ Units stand in brackets at the end of a description: [length], [force], [stress]
 number without one. Vectors have a number per direction of space, see the key ``forces`` for those of forces.
 """
 
+from functools import partial
+
 from pcontact.io.report import FORMAT
 
 _NUMBER, _COUNT, _TEXT = {"type": ["number", "null"]}, {"type": "integer"}, {"type": "string"}
@@ -15,24 +17,9 @@ def _one(kind, words):
     return {**kind, "description": words}
 
 
-def number(words):
-    """A number; null where it is not finite."""
-    return _one(_NUMBER, words)
-
-
-def count(words):
-    """A whole number."""
-    return _one(_COUNT, words)
-
-
-def text(words):
-    """A text."""
-    return _one(_TEXT, words)
-
-
-def vector(words):
-    """A list of numbers, one per direction where nothing else is said."""
-    return _one(_VECTOR, words)
+# a number, null where it is not finite; a whole number; a text; a list of numbers, one per direction where nothing
+# else is said
+number, count, text, vector = (partial(_one, kind) for kind in (_NUMBER, _COUNT, _TEXT, _VECTOR))
 
 
 def turned(words):

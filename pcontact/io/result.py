@@ -8,6 +8,7 @@ import numpy as np
 
 from pcontact.io import vtu
 from pcontact.io.fields import INDICES, NODE_NUMBER, Cloud, Piece, read_step
+from pcontact.mesh.raw import distinct
 from pcontact.runtime.errors import InputError
 
 
@@ -164,12 +165,7 @@ def join_points(piece):
         # coordinates to 1e-9 of the size: two ranks may have rounded a midside node differently
         unit = 1e-9 * max(np.ptp(points, axis=0).max(), np.finfo(float).tiny)
         numbers = np.rint((points - points.min(axis=0)) / unit).astype(np.int64)
-    keys = np.column_stack([numbers, body])
-    order = np.lexsort(keys.T)
-    new = np.concatenate([[True], (np.diff(keys[order], axis=0) != 0).any(axis=1)])
-    number = np.empty(len(points), dtype=np.int64)
-    number[order] = np.cumsum(new) - 1
-    first = order[new]
+    first, number = distinct(body, numbers)
     return Piece(
         points[first],
         [(name, number[nodes]) for name, nodes in piece.cells],

@@ -480,6 +480,17 @@ def say_lost(path, lost):
     log.warning("%s: left out: %s %s%s: %s", path, word, ", ".join(names[:3]), more, why)
 
 
+def distinct(*keys, ties=()):
+    """Of equal rows of keys (n,) one each, in the order of the keys, that with the least ties (n,), or the first one:
+    places (m,) of those; and among them that of each row (n,)."""
+    order = np.lexsort((*ties, *keys[::-1]))
+    first = np.ones(len(order), dtype=bool)
+    first[1:] = np.any([np.diff(key[order]) != 0 for key in keys], axis=0)
+    place = np.empty(len(order), dtype=np.int64)
+    place[order] = np.cumsum(first) - 1
+    return order[first], place
+
+
 def numbered(blocks):
     """Blocks, each with the rows of its cells among those of all."""
     first = 0

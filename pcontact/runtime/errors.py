@@ -3,7 +3,7 @@
 import difflib
 import re
 import reprlib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 KINDS = ((type(None), "nothing"), (bool, "a boolean"), (int, "an integer"), (float, "a number"),
          (str, "a string"), (list, "a list"), (tuple, "a list"), (dict, "a table"))  # fmt: skip
@@ -169,3 +169,9 @@ def listed(names: Iterable[str]) -> str:
     names = sorted(names)
     rest = f", ... ({len(names) - _NAMES} more)" if len(names) > _NAMES else ""
     return ", ".join(names[:_NAMES]) + rest if names else "(there are none)"
+
+
+def counted(names: Sequence[str]) -> str:
+    """Names, each once, and how often where several bodies have the same."""
+    count = {name: names.count(name) for name in dict.fromkeys(names)}
+    return ", ".join(f"{name} ({n} times)" if n > 1 else name for name, n in count.items())

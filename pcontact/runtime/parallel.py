@@ -50,12 +50,12 @@ def together(comm, function, *args):
 
 
 def _caught(function, args):
-    """Result of a function, or the error that the user is told of."""
+    """Result of a function, or the error that the user, or who calls it with wrong values, is told of."""
     try:
         return function(*args), None
-    except TOLD as error:
+    except (*TOLD, ValueError) as error:
         # what it was raised from stays on this rank
-        return None, type(error)(str(error))
+        return None, (type(error) if isinstance(error, TOLD) else ValueError)(str(error))
 
 
 def agree(comm, error):

@@ -85,7 +85,17 @@ class Key:
     def per_direction(self) -> bool:
         """Whether its values have an entry for each direction of the mesh."""
         schema = self.rule.schema
-        return schema.get("minItems") == 2 and schema.get("maxItems") == 3 and "anyOf" not in schema
+        return any(one.get("minItems") == 2 and one.get("maxItems") == 3 for one in schema.get("anyOf", [schema]))
+
+    @property
+    def per_turn(self) -> bool:
+        """Whether it is a number in the plane, and a list of three in space."""
+        return self.rule.allowed in (MOMENT.allowed, ROTATION.allowed, INERTIA.allowed)
+
+    @property
+    def varies(self) -> bool:
+        """Whether its values may be expressions of place and time."""
+        return ALLOWED in self.rule.allowed
 
     @property
     def text(self) -> str:

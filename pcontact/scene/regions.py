@@ -11,16 +11,12 @@ from pcontact.scene.functions import names
 from pcontact.scene.keys import holds, keys
 from pcontact.scene.model import (
     Contact,
-    Coupling,
     Displacement,
     Equation,
-    Load,
     Material,
     MeshSpec,
     Obstacle,
     Scene,
-    Spring,
-    Temperature,
 )
 from pcontact.scene.orthotropic import across_plane
 from pcontact.scene.places import groups_named, place, refuse, tables
@@ -31,13 +27,6 @@ SPATIAL, AXES = ("cylinder", "cone", "torus"), ("cylinder", "torus")
 SQUARE = 1e-6
 # part of the largest radius by which rounding may put a node on the wrong side of the axis
 ROUNDING = 1e-9
-_EXPRESSIONS = {
-    Displacement: ("value",),
-    Load: ("pressure", "traction", "body_force", "acceleration"),
-    Temperature: ("value",),
-    Obstacle: ("expression",),
-    Contact: ("friction", "kinetic_friction"),
-}
 _KINDS = {"cells": "a group of cells", "facets": "a group of facets", "nodes": "a group of edges or vertices"}
 
 
@@ -72,12 +61,13 @@ def _of_dimension(scene, table, dim):
     """Entries and directions that the mesh does not have, or has and are missing."""
     for key, one in keys(type(table)).items():
         value = getattr(table, key)
-        if one.per_direction and value is not None and len(value) != dim:
+        if one.per_direction and isinstance(value, tuple) and len(value) != dim:
             yield key, f"{len(value)} entries, {list(value)}", f"{dim} entries, the mesh is {dim}D"
         if one.in_space and holds(one.in_space, table, scene) and (value is None) != (dim == 2):
             yield key, *_one_in_space(value, one, dim)
-    for key in _EXPRESSIONS.get(type(table), ()) if dim == 2 else ():
-        if "z" in names(getattr(table, key)):
+        if one.per_turn and value != one.default and isinstance(value, tuple) != (dim == 3):
+            yield key, f"{value}", f"{one.rule.allowed}; the mesh is {dim}D"
+        if one.varies and dim == 2 and "z" in names(value):
             yield key, "z with a 2D mesh", "x, y, t"
 
 
@@ -96,26 +86,6 @@ def _material(material, dim):
     if material.orthotropic and dim == 2 and not across_plane(*material.frame):
         found = f"{[list(one) for one in material.frame]} with a 2D mesh"
         yield "axes", found, "one of the three axes across the plane, along z"
-
-
-def _spring(spring, dim):
-    if isinstance(spring.per_area, tuple) and len(spring.per_area) != dim:
-        found = f"{len(spring.per_area)} entries, {list(spring.per_area)}"
-        yield "per_area", found, f"a number, or {dim} entries: it is {dim}D"
-
-
-def _load(load, dim):
-    if load.moment is not None and isinstance(load.moment, tuple) != (dim == 3):
-        allowed = "a list of 3 numbers, the mesh is 3D" if dim == 3 else "a number, the mesh is 2D"
-        yield "moment", f"{load.moment}", allowed
-
-
-def _coupling(coupling, dim):
-    if coupling.inertia and isinstance(coupling.inertia, tuple) != (dim == 3):
-        yield "inertia", f"{coupling.inertia}", "a number >= 0" if dim == 2 else "a list of 3 numbers >= 0"
-    if coupling.rotation is not None and isinstance(coupling.rotation, tuple) != (dim == 3):
-        allowed = "a list of 3, the mesh is 3D" if dim == 3 else 'a number or "free", the mesh is 2D'
-        yield "rotation", f"{coupling.rotation}", allowed
 
 
 def _equation(equation, dim):
@@ -155,7 +125,7 @@ def _obstacle(obstacle, dim):
 
 
 _CHECKS = {
-    MeshSpec: _mesh, Material: _material, Spring: _spring, Load: _load, Coupling: _coupling, Equation: _equation,
+    MeshSpec: _mesh, Material: _material, Equation: _equation,
     Displacement: _displacement, Obstacle: _obstacle,
 }  # fmt: skip
 

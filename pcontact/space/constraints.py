@@ -27,6 +27,7 @@ from pcontact.mesh.topology import OTHER, plane
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import agree
 from pcontact.runtime.petsc import MPI
+from pcontact.space.modes import rigid_motions
 from pcontact.space.turn import moments
 
 # [-] Part of a normal along a prescribed direction that counts as none. From: far above rounding errors.
@@ -257,17 +258,6 @@ class PretensionSection(Constraint):
         time : float
         """
         return {"force": self.tension(forces + self.at(time)), "shortening": self._shortened(u)}
-
-
-def rigid_motions(arms, scale):
-    """Displacements (n, d, k) of translations and of turns by 1 / scale, at the ends of arms (n, d): k = 3 or 6."""
-    n, d = arms.shape
-    turns = np.zeros((n, d, 1 if d == 2 else 3))
-    if d == 2:
-        turns[:, 0, 0], turns[:, 1, 0] = -arms[:, 1], arms[:, 0]
-    else:
-        turns = np.cross(np.eye(3)[None], arms[:, None, :]).transpose(0, 2, 1)
-    return np.concatenate([np.broadcast_to(np.eye(d), (n, d, d)), turns / scale], axis=2)
 
 
 def _chosen(rows):

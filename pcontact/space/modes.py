@@ -5,6 +5,18 @@ import numpy as np
 from pcontact.mesh.topology import label
 from pcontact.runtime.petsc import MPI, PETSc
 
+# by the dimension, of each turn the directions of its plane: it leads from the first to the second
+TURNS = {2: ((0, 1),), 3: ((1, 2), (2, 0), (0, 1))}
+
+
+def rigid_motions(arms, scale):
+    """Displacements (n, d, k) of translations and of turns by 1 / scale, at the ends of arms (n, d): k = 3 or 6."""
+    n, d = arms.shape
+    turns = np.zeros((n, d, len(TURNS[d])))
+    for k, (a, b) in enumerate(TURNS[d]):
+        turns[:, a, k], turns[:, b, k] = -arms[:, b], arms[:, a]
+    return np.concatenate([np.broadcast_to(np.eye(d), (n, d, d)), turns / scale], axis=2)
+
 
 def rigid_modes(points, centre, scale):
     """Rigid-body modes at points.
@@ -19,18 +31,10 @@ def rigid_modes(points, centre, scale):
     Returns
     -------
     ndarray (n_modes, n, d)
-        Translations, then rotations: 3 modes in 2D, 6 in 3D.
+        Translations, then rotations, those in space about z, x, y: 3 modes in 2D, 6 in 3D.
     """
-    n, d = points.shape
-    x = (points - centre) / scale
-    modes = np.zeros((3 if d == 2 else 6, n, d))
-    for axis in range(d):
-        modes[axis, :, axis] = 1.0
-    turns = [(0, 1)] if d == 2 else [(0, 1), (1, 2), (2, 0)]
-    for k, (a, b) in enumerate(turns):
-        modes[d + k, :, a] = -x[:, b]
-        modes[d + k, :, b] = x[:, a]
-    return modes
+    modes = rigid_motions(points - centre, scale).transpose(2, 0, 1)
+    return np.ascontiguousarray(modes if points.shape[1] == 2 else modes[[0, 1, 2, 5, 3, 4]])
 
 
 def component_boxes(space):

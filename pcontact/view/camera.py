@@ -181,6 +181,26 @@ def contact_patch(surfaces, positions):
     return Patch(middle[touching], normal)
 
 
+def touched(pieces, positions):
+    """Ends (n, 3) of the segments of plane contact surfaces, and of those under pressure; all if there is no pressure.
+
+    Parameters
+    ----------
+    pieces : dict of str to Piece
+    positions : dict of str to ndarray (n, 3)
+    """
+    every, near = [np.zeros((0, 3))], [np.zeros((0, 3))]
+    for name, piece in pieces.items():
+        nodes, owner = cells.segments(piece)
+        corners = positions[name][nodes]
+        every.append(corners.reshape(-1, 3))
+        blocks = piece.cell_data.get("contact_pressure")
+        if blocks and len(nodes):
+            near.append(corners[np.concatenate(blocks)[owner] > 0].reshape(-1, 3))
+    every, near = np.concatenate(every), np.concatenate(near)
+    return every, near if len(near) else every
+
+
 def along(pieces, positions):
     """The coordinate along which contact surfaces of plane bodies extend, and the part of it under pressure.
 
@@ -198,17 +218,7 @@ def along(pieces, positions):
         The part under pressure with a border of half its length, but not beyond the surfaces; all of them if there
         is no pressure [length].
     """
-    all_, touching = [], []
-    for name, piece in pieces.items():
-        nodes, owner = cells.segments(piece)
-        corners = positions[name][nodes]
-        all_.append(corners.reshape(-1, 3))
-        blocks = piece.cell_data.get("contact_pressure")
-        if blocks:
-            touching.append(corners[np.concatenate(blocks)[owner] > 0].reshape(-1, 3))
-    all_ = np.concatenate(all_)
-    near = np.concatenate([np.zeros((0, 3)), *touching])
-    near = near if len(near) else all_
+    all_, near = touched(pieces, positions)
     axis = int(np.argmax(np.ptp(near, axis=0)[:2]))
     low, high = near[:, axis].min(), near[:, axis].max()
     border = 0.5 * (high - low)

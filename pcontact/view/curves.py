@@ -141,11 +141,8 @@ def _chains(stage):
         if not len(nodes):
             continue
         # the arc length is that of the undeformed surface: it is the same in all load steps
-        order, length, turned = cells.arc_length(nodes, stage.result.surfaces[name].points)
-        ends = stage.surfaces[name][nodes[order]]
-        shown = values[nodes[order]] if stage.quantity.at == "point" else np.repeat(values[owner[order], None], 2, 1)
-        ends[turned], shown = ends[turned, ::-1], np.where(turned[:, None], shown[:, ::-1], shown)
-        yield ends, length, shown
+        values = values if stage.quantity.at == "point" else values[owner]
+        yield _chain(stage, nodes, stage.result.surfaces[name].points, stage.surfaces[name], values)
 
 
 def _section(stage):
@@ -166,12 +163,17 @@ def _section(stage):
         return
     line = line.clean(tolerance=1e-9, lines_to_points=False)
     nodes = np.asarray(line.lines).reshape(-1, 3)[:, 1:]
-    order, length, turned = cells.arc_length(nodes, np.asarray(line.points))
-    values = np.asarray(line[shapes.VALUE])
+    places = np.asarray(line.points)
+    yield _chain(stage, nodes, places, places.astype(float), np.asarray(line[shapes.VALUE]))
+
+
+def _chain(stage, nodes, points, places, values):
+    """Segments (n, 2) of nodes in order, with the arc length of their points: what :func:`chains` has of them."""
+    order, length, turned = cells.arc_length(nodes, points)
+    ends = places[nodes[order]]
     shown = values[nodes[order]] if stage.quantity.at == "point" else np.repeat(values[order, None], 2, 1)
-    ends = np.asarray(line.points, dtype=float)[nodes[order]]
     ends[turned], shown = ends[turned, ::-1], np.where(turned[:, None], shown[:, ::-1], shown)
-    yield ends, length, shown
+    return ends, length, shown
 
 
 def chains(stage):
@@ -198,16 +200,7 @@ def touching(stage):
     """
     if stage.solid:
         return np.zeros((0, 3)) if stage.patch is None else stage.patch.points
-    found, every = [np.zeros((0, 3))], [np.zeros((0, 3))]
-    for name, piece in stage.result.surfaces.items():
-        nodes, owner = cells.segments(piece)
-        corners = stage.surfaces[name][nodes]
-        blocks = piece.cell_data.get("contact_pressure")
-        every.append(corners.reshape(-1, 3))
-        if blocks and len(nodes):
-            found.append(corners[np.concatenate(blocks)[owner] > 0].reshape(-1, 3))
-    found = np.concatenate(found)
-    return found if len(found) else np.concatenate(every)
+    return camera.touched(stage.result.surfaces, stage.surfaces)[1]
 
 
 def is_curved(stage):

@@ -184,7 +184,7 @@ def test_springs_and_contact(mesh, strain):
         ([Load("top", pressure=1.0, point=[0, 0])], [], ("point", "without force or moment")),
         ([Load(force=[0, 1])], [], ("loads[0].region", "at, the place")),
         ([Load("top", force=[0, 1, 0])], [], ("force", "3 entries")),
-        ([Load("top", moment=[0, 0, 1.0])], [], ("moment", "a number, the mesh is 2D")),
+        ([Load("top", moment=[0, 0, 1.0])], [], ("moment", "the mesh is 2D")),
         ([Load("corner_00", moment=1.0)], [], ("moment", "'corner_00'", "in one place")),
         ([Load(at=[0.3, 0.3], force=[0, 1])], [], ("at", "nearest node, at (0.25, 0.25)", "0.07071")),
         ([Load(at=[0.375, 0.25], force=[0, 1], within=0.2)], [], ("at", "two nodes", "block")),

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact.mesh.mesh import mixed
+from pcontact.mesh.raw import distinct
 from pcontact.mesh.refinement.simplices import home_of_key
 from pcontact.mesh.slices import COLUMN, MeshSlice, SliceBlock, bits
 from pcontact.runtime.parallel import split_by_rank
@@ -57,13 +58,8 @@ def number_nodes(exchanger, base, numbers, keys, rows, fewer=False):
 
 def _numbered(comm, table, n_base, fewer):
     """Nodes of the rows (n, k) that came to a home, and which of them each is (n,). *Collective.*"""
-    by_name = np.lexsort((*table[:, 2:3].T, table[:, 1], table[:, 0]))
-    ordered = table[by_name]
-    first = np.ones(len(table), dtype=bool)
-    first[1:] = np.any(ordered[1:, :2] != ordered[:-1, :2], axis=1)
-    index = np.empty(len(table), dtype=np.int64)
-    index[by_name] = np.cumsum(first) - 1
-    ordered = ordered[first]
+    chosen, index = distinct(table[:, 0], table[:, 1], ties=table[:, 2:3].T)
+    ordered = table[chosen]
     counts = np.array(comm.allgather((int(np.sum(ordered[:, 0] == 0)), len(ordered))), dtype=np.int64)
     starts = np.concatenate([[0], np.cumsum(counts[:, 1])])
     fresh, kept = np.cumsum(counts[:, 1] - counts[:, 0]), np.cumsum(counts[:, 0])
@@ -90,17 +86,6 @@ def first_numbers(exchanger, base, ids, counts):
 
     out = exchanger.ask(ids * size // n, np.column_stack([ids, counts]), answer)[:, 0]
     return out, comm.allreduce(int(np.sum(counts)))
-
-
-def distinct(keys, owners):
-    """Which of equal keys (n,) counts, that of the least owner (n,): places (m,) of those; and among them that of each
-    key (n,)."""
-    order = np.lexsort((owners, keys))
-    first = np.ones(len(keys), dtype=bool)
-    first[1:] = keys[order][1:] != keys[order][:-1]
-    place = np.empty(len(keys), dtype=np.int64)
-    place[order] = np.cumsum(first) - 1
-    return order[first], place
 
 
 def among(ends, edges, n):
@@ -178,7 +163,7 @@ def sliced(exchanger, mesh, parts, layout, degree, width, move=None, cells=None)
         for rows, one, none in zip(columns, found, empty, strict=True):
             rows.append(one[:, some].reshape(len(part.rows) * len(some), *none.shape[1:]))
     keys, numbers, owners, values, members = (np.concatenate(rows) for rows in columns)
-    chosen, place = distinct(keys, owners)
+    chosen, place = distinct(keys, ties=(owners,))
     values = values[chosen]
     if move is not None:
         values[:, :d] = move(place, keys[chosen], values[:, :d])
