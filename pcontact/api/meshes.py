@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from pcontact.element.reference import CELLS, MESHIO_NAMES, facet_kinds, facet_nodes
+from pcontact.element.reference import CELLS
 from pcontact.io.vtu import CELL_NAMES
 from pcontact.mesh.formats import from_meshio
 from pcontact.mesh.msh import write_file
 from pcontact.mesh.plex import file_of, read_plex
-from pcontact.mesh.raw import KINDS, LOWER, FileMesh, Table, number_rows
+from pcontact.mesh.raw import KINDS, LOWER, Block, FileMesh, RawMesh, Table, facet_vertices, facets_of_nodes
 from pcontact.mesh.read import read_file
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import on_root
@@ -144,23 +144,9 @@ def _facets(name: str, chosen: Any, points: np.ndarray, tables: Sequence[Table])
     if not callable(chosen):
         corners = np.atleast_2d(np.asarray(chosen, dtype=np.int64))
         return [(LOWER[corners.shape[1]][0], corners)]
-    on = np.asarray(chosen(points), dtype=bool)
-    found = [(kind, corners[on[corners].all(axis=1)]) for kind, corners in _boundary(tables, len(points))]
-    if not any(len(corners) for _, corners in found):
+    blocks = [Block(*KINDS[one.kind], one.nodes) for one in tables if one.kind in KINDS]
+    raw = RawMesh(Path("mesh"), tables[0].dim, points, blocks)
+    cells, local = facets_of_nodes(raw, np.flatnonzero(np.asarray(chosen(points), dtype=bool)))
+    if not len(cells):
         raise InputError(f"mesh: facets {name!r}: found no facet of the boundary there; allowed: a group with some")
-    return [(kind, corners) for kind, corners in found if len(corners)]
-
-
-def _boundary(tables: Sequence[Table], n_points: int) -> list[tuple[str, np.ndarray]]:
-    """Corners of the facets that belong to one cell only."""
-    found: dict[str, list[np.ndarray]] = {}
-    for one in tables:
-        for view, rows in facet_kinds(KINDS[one.kind][0]) if one.kind in KINDS else []:
-            table, facet = facet_nodes(view, 1)[rows], MESHIO_NAMES[str(CELLS[view].facet), 1]
-            found.setdefault(facet, []).append(one.nodes[:, table].reshape(-1, table.shape[1]))
-    result = []
-    for facet, parts in found.items():
-        every = np.concatenate(parts)
-        first, number = number_rows(every, n_points)
-        result.append((facet, every[first[np.bincount(number) == 1]]))
-    return result
+    return [(LOWER[nodes.shape[1]][0], nodes) for _, nodes in facet_vertices(raw, cells, local)]

@@ -12,8 +12,8 @@ from pcontact.api.tables import Named, Tables
 from pcontact.io.examples import write_template
 from pcontact.runtime.errors import InputError
 from pcontact.scene import model
-from pcontact.scene.model import Body, Contact, Material, MeshSpec, Obstacle, Output, Steps
-from pcontact.scene.reader import read_scene, scene_from
+from pcontact.scene.model import Body, Material, MeshSpec, Output, Steps
+from pcontact.scene.reader import built, read_scene, scene_from
 
 _TABLES, _OPTIONAL = {**model.LIST_TABLES}, {**model.OPTIONAL_TABLES}
 
@@ -61,7 +61,7 @@ class Scene(model.Scene):
                  **{name: tables.pop(name) for name in list(tables) if name in _TABLES}}  # fmt: skip
         steps = Steps(count=steps) if isinstance(steps, int) else steps
         made: dict[str, Any] = {
-            name: [_entry(_TABLES[name], one) for one in many] for name, many in lists.items()
+            name: [_made(_TABLES[name], one) for one in many] for name, many in lists.items()
         }
         super().__init__(
             mesh=MeshSpec(**mesh) if isinstance(mesh, Mapping) else mesh_from(mesh),
@@ -90,19 +90,7 @@ class Scene(model.Scene):
 
 def _made(kind: type, value: Any) -> Any:
     """A table from a dict."""
-    if not isinstance(value, Mapping):
-        return value
-    known = [field.name for field in fields(kind)]
-    for key in value:
-        if key not in known:
-            raise InputError(f"scene: found the unknown key {key!r}; allowed: {', '.join(known)}")
-    return kind(**value)
-
-
-def _entry(kind: type, value: Any) -> Any:
-    if kind is Contact and isinstance(value, Mapping) and isinstance(value.get("obstacle"), Mapping):
-        value = {**value, "obstacle": _made(Obstacle, value["obstacle"])}
-    return _made(kind, value)
+    return built(kind, dict(value), "scene", model.HEADERS[kind].strip("[]")) if isinstance(value, Mapping) else value
 
 
 def scene_of(scene: model.Scene | Mapping[str, Any] | str | Path) -> model.Scene:

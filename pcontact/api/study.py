@@ -19,6 +19,7 @@ import numpy as np
 from pcontact.api.running import run
 from pcontact.api.scenes import read
 from pcontact.api.tables import Table, Tables, lost, there
+from pcontact.io.report import column
 from pcontact.runtime.errors import TOLD, InputError, NotConverged, unknown_name
 from pcontact.runtime.petsc import MPI
 from pcontact.runtime.process import environment_outside
@@ -47,10 +48,7 @@ class Study:
         """A column, NaN where a case has no number."""
         if not any(name in row for row in self.rows):
             raise lost(name, self.columns)
-        values = [row.get(name) for row in self.rows]
-        if any(isinstance(value, str) for value in values):
-            return np.array(["" if value is None else str(value) for value in values])
-        return np.array([np.nan if value is None else value for value in values])
+        return column([row.get(name) for row in self.rows])
 
     @property
     def columns(self) -> list[str]:

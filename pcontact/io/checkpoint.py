@@ -183,7 +183,8 @@ class Identity:
         for item in items:
             keys = item.memory_keys()
             rows[item.name] = [space.comm.allreduce(len(keys)), total(space.comm, hashes(keys))]
-        regions = set().union(*(_regions(scene) for scene in scenes))
+        named = (one for scene in scenes for _, table in tables(scene) for one in groups_named(table))
+        regions = {name for _, name, _ in named if name != OUTER}
         mesh = mesh_digest(space.mesh, space.mesh_nodes[space.owned_local], regions)
         return cls(physics_so_far(scenes), mesh, rows, scenes[0].where, scenes[0].mesh_path)
 
@@ -226,11 +227,6 @@ class Identity:
                 now, old = (f"{rows} of digest {sum_}" for rows, sum_ in (self.rows[name], then.rows[name]))
                 found.append(Difference(f"{self.scene_file}: points or cells of {name}", now, old, True))
         return found
-
-
-def _regions(scene):
-    """Groups that the physics of a scene is about."""
-    return {name for _, table in tables(scene) for _, name, _ in groups_named(table) if name != OUTER}
 
 
 @dataclass

@@ -109,7 +109,7 @@ class CostReport:
             "candidates": self._record.counts.get("search", {}).get("candidates", 0),
         }
         largest, total = profile.largest_and_sum(self._comm, own, own)
-        return {name: _over_mean(largest[name], total[name], self._comm.size) for name in own}
+        return {name: largest[name] * self._comm.size / total[name] if total[name] > 0 else 1.0 for name in own}
 
     def memory(self):
         """Resident sets, in the order of the run. *Collective.*
@@ -149,10 +149,6 @@ class CostReport:
             found["searches"], found["points"], found["candidates_per_point"], found["ranks_per_point"], messages,
             size / MB, exchange.get("search", {"bytes": 0})["bytes"] / MB, uneven["cells"], uneven["contact"],
         )  # fmt: skip
-
-
-def _over_mean(largest, total, size):
-    return largest * size / total if total > 0 else 1.0
 
 
 def held(thing, shared=()):

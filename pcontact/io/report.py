@@ -290,10 +290,11 @@ def columns(rows):
     """
     flat = [flatten(row) for row in rows]
     names = dict.fromkeys(name for row in (flat if flat and "phase" in flat[0] else flat[:1]) for name in row)
-    return {name: _column([row.get(name) for row in flat]) for name in names}
+    return {name: column([row.get(name) for row in flat]) for name in names}
 
 
-def _column(values):
+def column(values):
+    """Values of a column: text, or numbers, NaN where there is none."""
     if any(isinstance(value, str) for value in values):
         return np.array(["" if value is None else str(value) for value in values])
     return np.array([np.nan if value is None else value for value in values])

@@ -165,7 +165,7 @@ def join_points(piece):
         # coordinates to 1e-9 of the size: two ranks may have rounded a midside node differently
         unit = 1e-9 * max(np.ptp(points, axis=0).max(), np.finfo(float).tiny)
         numbers = np.rint((points - points.min(axis=0)) / unit).astype(np.int64)
-    first, number = distinct(body, numbers)
+    first, number = distinct(body, *np.atleast_2d(numbers.T)[::-1])
     return Piece(
         points[first],
         [(name, number[nodes]) for name, nodes in piece.cells],

@@ -4,12 +4,11 @@ import difflib
 import re
 from collections.abc import Mapping
 
-import numpy as np
-
 from pcontact.runtime import log
 from pcontact.runtime.declared import COMMAND_LINE, FORMER, OPTIONS, PETSC, RENAMED
 from pcontact.runtime.errors import InputError, SolverError
 from pcontact.runtime.petsc import PETSc, has_package, option_used, unknown_options
+from pcontact.runtime.rules import PETSC_VALUE, apply
 
 UNSAID = object()
 # PETSc's error codes: arguments that are wrong or out of range, names that are not known, missing factorisations
@@ -194,18 +193,8 @@ class Options:
         for name, value in options.items():
             if not isinstance(name, str) or not name.strip("-") or any(c.isspace() for c in name):
                 raise InputError(f"{self.said}: found an option named {name!r}; allowed: names without blanks")
-            self._db.setValue(name.lstrip("-"), self._text(name, value))
-
-    def _text(self, name, value):
-        if value is None or value is True:
-            return ""
-        if isinstance(value, (list, tuple)):
-            return ",".join(self._text(name, part) for part in value)
-        if isinstance(value, (bool, str, int, float, np.number, np.bool_)):
-            value = value.item() if isinstance(value, (np.number, np.bool_)) else value
-            return str(value).lower() if isinstance(value, bool) else str(value)
-        kinds = "text, a number, true or false, a list of them"
-        raise InputError(f"{self.said}: {name}: found {value!r}; allowed: {kinds}")
+            text = "" if value is None or value is True else apply(PETSC_VALUE, value, self.said, name)
+            self._db.setValue(name.lstrip("-"), text)
 
     def withdraw(self):
         """Take all that was proposed back out of the database."""

@@ -209,11 +209,11 @@ def _option_text(value):
         return "true" if value else "false"
     if isinstance(value, str | int):
         return _printable(str(value))
-    if isinstance(value, float):
-        return repr(number().accept(value))
+    if isinstance(value, float) and math.isfinite(value):
+        return repr(value)
     if isinstance(value, list | tuple):
         return ",".join(_option_text(entry) for entry in value)
-    raise ValueError(kind(value))
+    raise ValueError("" if isinstance(value, float) else kind(value))
 
 
 POSITIVE = number(above=0)

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, fields
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 from pcontact.runtime import log
 from pcontact.runtime.errors import closeness, cut, input_error, nearest, set_elsewhere, shown
@@ -99,7 +100,7 @@ def _scene(data, file, **home):
         output=_table("output", data.get("output", {}), file),
         petsc=data.get("petsc", {}),
         **{key: _list(key, data.get(key, []), file) for key in LIST_TABLES},
-        **{key: _build(cls, data[key], file, key) for key, cls in OPTIONAL_TABLES.items() if key in data},
+        **{key: built(cls, data[key], file, key) for key, cls in OPTIONAL_TABLES.items() if key in data},
     )
     validate(scene)
     return scene
@@ -109,8 +110,8 @@ def _accuracy(data, file):
     """A word, or a table with one in it."""
     if not isinstance(data, dict):
         return data
-    budget = _build(Budget, data.get("budget", {}), file, "accuracy.budget")
-    return _build(Target, {**data, "budget": budget}, file, "accuracy")
+    budget = built(Budget, data.get("budget", {}), file, "accuracy.budget")
+    return built(Target, {**data, "budget": budget}, file, "accuracy")
 
 
 def _parse(path):
@@ -188,10 +189,12 @@ def _check_keys(cls, data, file, where):
         raise input_error(file, f"{where}.{key}" if where else key, found, ", ".join(known))
 
 
-def _build(cls, data, file, where):
+def built(cls: type, data: object, file: str, where: str) -> Any:
     """The dataclass of a table; required keys that are missing become None, which the checks refuse."""
     if not isinstance(data, dict):
         raise input_error(file, where, shown(data), f"a table {HEADERS[cls]}")
+    if cls is Contact and "obstacle" in data and not isinstance(data["obstacle"], Obstacle):
+        data = {**data, "obstacle": built(Obstacle, data["obstacle"], file, f"{where}.obstacle")}
     _check_keys(cls, data, file, where)
     missing = {
         field.name: None
@@ -202,13 +205,13 @@ def _build(cls, data, file, where):
 
 
 def _table(key, data, file):
-    return _build(SINGLE_TABLES[key], data, file, key)
+    return built(SINGLE_TABLES[key], data, file, key)
 
 
 def _materials(data, file):
     if not isinstance(data, dict):
         raise input_error(file, "materials", shown(data), "tables [materials.NAME]")
-    return {name: _build(Material, table, file, f"materials.{name}") for name, table in data.items()}
+    return {name: built(Material, table, file, f"materials.{name}") for name, table in data.items()}
 
 
 def _list(key, data, file):
@@ -218,8 +221,5 @@ def _list(key, data, file):
     items = []
     for index, table in enumerate(data):
         name = table.get("name" if cls in NAMED else "region") if isinstance(table, dict) else None
-        where = place(key, index, name)
-        if cls is Contact and isinstance(table, dict) and "obstacle" in table:
-            table = {**table, "obstacle": _build(Obstacle, table["obstacle"], file, f"{where}.obstacle")}
-        items.append(_build(cls, table, file, where))
+        items.append(built(cls, table, file, place(key, index, name)))
     return items

@@ -7,6 +7,7 @@ import html
 import io
 import json
 import zipfile
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 
@@ -19,7 +20,7 @@ from pcontact.runtime.files import written_aside
 from pcontact.view import extra, shapes
 from pcontact.view.colours import colour_scale
 from pcontact.view.picture import Look, around_contact, compose, staged
-from pcontact.view.quantity import Quantity, available, find
+from pcontact.view.quantity import available, find
 
 LENGTH, SLOWEST, FASTEST = 6.0, 0.5, 0.04  # [s] of all, and how long one load step is shown at most and at least
 LAST = 4  # how often the last one is shown
@@ -98,8 +99,9 @@ def in_the_same_colours(stages, results):
     found = []
     for stage in stages:
         every = [find(result, stage.quantity.name) for result in results]
+        # colours of the quantity of all load steps
         values = {str(k): quantity.all_values for k, quantity in enumerate(every)}
-        stage.colours = colour_scale(_of_all(stage.quantity, values), _maps())
+        stage.colours = colour_scale(replace(stage.quantity, values=values), _maps())
         ends = [_corners(stage.at(result, quantity, None).positions)
                 for result, quantity in ((results[0], every[0]), (results[-1], every[-1]))]  # fmt: skip
         window = np.concatenate(ends)
@@ -111,11 +113,6 @@ def _maps():
     import matplotlib
 
     return matplotlib.colormaps
-
-
-def _of_all(quantity, values):
-    """The quantity of all load steps, for its colours."""
-    return Quantity(quantity.name, quantity.place, quantity.at, values, quantity.whole)
 
 
 def _corners(points):
@@ -230,7 +227,8 @@ def page(directory, field=None, output="page.html", step=None, **look):
         "steps": [f"time {result.time:g}" for result in results],
         "titles": [[title for title, _ in row] for row in scenes],
         "scenes": [[data for _, data in row] for row in scenes],
-        "viewer": _viewer(),
+        # the page of vtk.js that shows a scene, all in one file
+        "viewer": (files("trame_vtk.tools") / "static_viewer.html").read_text(encoding="utf-8"),
     }
     head, tail = (files("pcontact.view") / "page.html").read_text(encoding="utf-8").split("{{content}}")
     name = html.escape(f"{Path(directory).resolve().name}: {content['fields'][0]}")
@@ -249,11 +247,6 @@ def _scene(stages, look):
         return title, base64.b64encode(embedded(plotter.render_window)).decode()
     finally:
         plotter.close()
-
-
-def _viewer():
-    """The page of vtk.js that shows a scene, all in one file."""
-    return (files("trame_vtk.tools") / "static_viewer.html").read_text(encoding="utf-8")
 
 
 def embedded(render_window):

@@ -209,7 +209,7 @@ def test_cases_in_processes_of_their_own_are_the_same():
 
 
 def test_what_is_no_scene_is_told_in_one_line():
-    with pytest.raises(pc.InputError, match="unknown key 'frction'; allowed: .*friction"):
+    with pytest.raises(pc.InputError, match=r"contacts\.frction: found an unknown key, the nearest known key is"):
         pc.Scene(mesh="a.msh", materials={}, bodies={}, contacts=[{"source": "a", "frction": 1}])
     with pytest.raises(pc.InputError, match="unknown table 'contact'"):
         pc.Scene(mesh="a.msh", materials={}, bodies={}, contact=[])
