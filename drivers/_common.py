@@ -30,6 +30,7 @@ from pcontact.runtime import log
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI, PETSc
+from pcontact.runtime.rules import is_number
 from pcontact.scene.model import Scene
 from pcontact.simulation import Simulation
 from pcontact.view import extra
@@ -70,19 +71,11 @@ def make_parser(description: str, directory: str, tiny: bool = True) -> argparse
     return parser
 
 
-def _is_number(word):
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
-
-
 def _own_words(words):
     """Words of the command line that are the driver's: options with two dashes, -o, -h, and their values."""
     own, mine = [], True
     for word in words:
-        if word.startswith("-") and not _is_number(word):
+        if word.startswith("-") and not is_number(word):
             mine = word.startswith("--") or word in ("-o", "-h")
         if mine:
             own.append(word)

@@ -23,6 +23,7 @@ from pcontact.runtime.declared import (
     listed,
 )
 from pcontact.runtime.errors import InputError, nearby
+from pcontact.runtime.rules import is_number
 from pcontact.scene.keys import options as key_options
 from pcontact.scene.model import Contact, MeshSpec, Output, Scene, Steps
 from pcontact.scene.target import Budget, Target
@@ -159,10 +160,10 @@ def parse(arguments):
     options, operand = {}, None
     while rest:
         word = rest.pop(0)
-        if word.startswith("-") and not _number(word):
+        if word.startswith("-") and not is_number(word):
             if COMMANDS[command].options is None:
                 _check_dash(word)
-            value = rest.pop(0) if rest and (not rest[0].startswith("-") or _number(rest[0])) else ""
+            value = rest.pop(0) if rest and (not rest[0].startswith("-") or is_number(rest[0])) else ""
             if word.lstrip("-") == "set" and COMMANDS[command].options is None:
                 # PETSc keeps the last one only
                 value = [*options.get("set", []), value]
@@ -197,11 +198,3 @@ def _check_dash(word):
 def declared():
     """Names of the options of a run."""
     return {option.name for options in run_options().values() for option in options} | SET.keys()
-
-
-def _number(word):
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True

@@ -10,7 +10,10 @@ With ``--go-on`` of :func:`study_parser` a study that was ended goes on where it
 """
 
 import json
+import shutil
+import sys
 from contextlib import contextmanager
+from pathlib import Path
 
 from drivers._common import make_parser, plain
 from pcontact.runtime.errors import InputError, StepFailure
@@ -229,8 +232,13 @@ def joined(places, file, keys):
     return list({tuple(row[key] for key in keys): row for row in rows}.values())
 
 
-def publish(path, mark, text):
-    """Put text into a document in place of what follows a line. Serial.
+def command():
+    """The command line of this study, for a document."""
+    return "mpirun -n N python drivers/" + " ".join([Path(sys.argv[0]).name, *sys.argv[1:]])
+
+
+def publish(path, mark, text, pictures=()):
+    """Put text into a document in place of what follows a line, and pictures (file, name) beside it. Serial.
 
     Raises
     ------
@@ -244,3 +252,5 @@ def publish(path, mark, text):
     if not found:
         raise InputError(f"{path}: found no line {mark!r}, allowed: a document with one")
     path.write_text(f"{head}{mark}\n\n{text}")
+    for file, name in pictures:
+        shutil.copy(file, path.parent / name)

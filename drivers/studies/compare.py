@@ -25,8 +25,6 @@ Runs of one degree (--order) and problem replace those of the same kind in compa
 --publish puts tables and plots of compare.json into a document.
 """
 
-import shutil
-import sys
 import time as clock
 from functools import partial
 from pathlib import Path
@@ -211,8 +209,7 @@ def sweep(args) -> int:
     path = args.o / "compare.json"
     others = [] if args.tiny else earlier(path, args.order, case)
     said = load(path)["commands"] if others else {}
-    command = "mpirun -n N python drivers/" + " ".join([Path(sys.argv[0]).name, *sys.argv[1:]])
-    said = {**said, f"{args.order}{case}": command}
+    said = {**said, f"{args.order}{case}": harness.command()}
     head = {"case": "cylinder_on_block", "commands": said, "ranks": MPI.COMM_WORLD.size}
     rows, good = [], True
     kept = Rows(args.o / "rows.jsonl", ("case", "order", "facets", "method", "gamma0"), args.go_on)
@@ -254,9 +251,7 @@ def publish(args) -> int:
 
     def write():
         pictures = plots(args.o, data["runs"])
-        harness.publish(args.publish, MARK, document(data))
-        for path in pictures:
-            shutil.copy(path, args.publish.parent / path.name)
+        harness.publish(args.publish, MARK, document(data), [(path, path.name) for path in pictures])
 
     on_root(MPI.COMM_WORLD, write)
     return 0

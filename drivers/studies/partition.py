@@ -11,7 +11,7 @@ import time as clock
 
 import numpy as np
 
-from drivers._common import main, make_mesh, make_parser, print_table, write_json
+from drivers._common import main, make_mesh, make_parser, markdown, print_table, write_json
 from drivers.studies._graph_parts import graph_parts
 from meshes import ball_on_block, dome_on_block, heap, layer_on_base, spring, two_blocks
 from pcontact.mesh.partition import WEIGHT, by_bisection, contact_facets
@@ -101,13 +101,10 @@ def run(args):
 def _write_table(path, rows):
     """The table of docs/partition.md."""
     head = ["scene", "cells", "parts", "by", "balance of cells", "of contact", "of work", "shared nodes", "s"]
-    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
-    for row in rows:
-        words = [row["scene"], f"{row['cells of all']:,}", str(row["parts"]), row["by"]]
-        words += [f"{row[key]:.2f}" for key in ("cells", "contact", "work")]
-        words += [f"{100 * row['shared']:.1f} %", f"{row['seconds']:.2f}"]
-        lines.append("| " + " | ".join(words) + " |")
-    path.write_text("\n".join(lines) + "\n")
+    table = [[row["scene"], f"{row['cells of all']:,}", row["parts"], row["by"],
+              *(f"{row[key]:.2f}" for key in ("cells", "contact", "work")), f"{100 * row['shared']:.1f} %",
+              f"{row['seconds']:.2f}"] for row in rows]  # fmt: skip
+    path.write_text("\n".join(markdown(head, table)) + "\n")
 
 
 if __name__ == "__main__":

@@ -21,8 +21,6 @@ Kernels are compiled or loaded by a run outside the clock; runs shorter than a s
 """
 
 import json
-import shutil
-import sys
 from pathlib import Path
 
 from drivers._common import log, main, make_parser, print_table, write_json
@@ -67,7 +65,6 @@ def sweep_all(args) -> int:
     """All scenes; 1 where `standard` costs more than it may."""
     rows, cases = kept(args)
     good = True
-    command = "mpirun -n N python drivers/" + " ".join([Path(sys.argv[0]).name, *sys.argv[1:]])
     for name in args.cases:
         case = cases[name] = tiny(CASES[name]) if args.tiny else CASES[name]
         run = Runner(name, case, args.o, lambda row, case=case: tell(row, case.quantities, args.clock),
@@ -86,7 +83,7 @@ def sweep_all(args) -> int:
         good = good and all(row["ratio"] <= ALLOWED for row in documented(case, table))
         # at once: a run that is killed leaves what it has
         data = {one: {"rows": some, **summary(cases[one], some, args.clock)} for one, some in rows.items()}
-        head = {"clock": args.clock, "ranks": MPI.COMM_WORLD.size, "command": command}
+        head = {"clock": args.clock, "ranks": MPI.COMM_WORLD.size, "command": harness.command()}
         write_json(args.o / "tradeoff.json", {**head, "scenes": data})
         if MPI.COMM_WORLD.rank == 0:
             (args.o / "accuracy_tables.md").write_text(tables(cases, rows, head, ""))
@@ -173,9 +170,8 @@ def publish(args) -> int:
             ]
         cases = {name: CASES[name] for name in data["scenes"]}
         rows = {name: one["rows"] for name, one in data["scenes"].items()}
-        harness.publish(args.publish, MARK, tables(cases, rows, data, "accuracy_"))
-        for name in cases:
-            shutil.copy(args.o / f"{name}.png", args.publish.parent / f"accuracy_{name}.png")
+        pictures = [(args.o / f"{name}.png", f"accuracy_{name}.png") for name in cases]
+        harness.publish(args.publish, MARK, tables(cases, rows, data, "accuracy_"), pictures)
 
     on_root(MPI.COMM_WORLD, write)
     return 0

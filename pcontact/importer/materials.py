@@ -3,6 +3,7 @@
 import numpy as np
 
 from pcontact.importer.deck import EDGES, KINEMATICS, REDUCED, RIGID, SERENDIPITY, kind_of
+from pcontact.runtime.rules import is_number
 from pcontact.scene.orthotropic import PAIRS, indefinite
 
 # words of TYPE with nine constants along three axes: a stiffness, or moduli and ratios of contraction
@@ -115,7 +116,8 @@ class Orientations:
 
     def _read(self, card):
         kind, rows = card.word("SYSTEM", "RECTANGULAR"), [(place, words) for place, words in card.rows if any(words)]
-        if card.word("DEFINITION", "COORDINATES") != "COORDINATES" or not rows or not _number(rows[0][1][0]):
+        first = rows[0][1][0].lower().replace("d", "e") or "0" if rows else ""
+        if card.word("DEFINITION", "COORDINATES") != "COORDINATES" or not is_number(first):
             self._findings.leave(card, "allowed: axes by coordinates of points")
             return None
         numbers = (card.numbers(*rows[0]) + [0.0] * FIRST)[: max(6, len(rows[0][1]))]
@@ -159,14 +161,6 @@ class Orientations:
         for name, card in self._cards.items():
             if name not in self._used:
                 self._findings.skip(card, "no orthotropic material has it")
-
-
-def _number(word):
-    try:
-        float(word.lower().replace("d", "e") or 0.0)
-    except ValueError:
-        return False
-    return True
 
 
 def _turned_material(card, rows):

@@ -203,6 +203,15 @@ def text(allowed: str = "a string that is not empty", check: Callable = _text, p
     return Rule(allowed, check, {"type": "string", "pattern": pattern})
 
 
+def is_number(word: str) -> bool:
+    """Whether a word is a number."""
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
 def _option_text(value):
     value = _plain(value)
     if isinstance(value, bool):

@@ -7,7 +7,7 @@ tuples. Units are the user's own and must be consistent. None means "not said".
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 
 from pcontact.runtime.files import GEOMETRIES
@@ -1118,25 +1118,7 @@ class Scene:
 
     def copy(self) -> "Scene":
         """The same in tables of its own; values that are no tables are shared."""
-        contacts = [
-            replace(contact, obstacle=None if contact.obstacle is None else replace(contact.obstacle))
-            for contact in self.contacts
-        ]
-        lists = {key: [replace(item) for item in getattr(self, key)] for key in LIST_TABLES}
-        return replace(
-            self,
-            materials={name: replace(material) for name, material in self.materials.items()},
-            petsc=dict(self.petsc),
-            accuracy=self._own_accuracy(),
-            **{key: replace(getattr(self, key)) for key in SINGLE_TABLES},
-            **{key: replace(one) for key in OPTIONAL_TABLES if (one := getattr(self, key)) is not None},
-            **{**lists, "contacts": contacts},
-        )
-
-    def _own_accuracy(self):
-        if not isinstance(self.accuracy, Target):
-            return self.accuracy
-        return replace(self.accuracy, budget=replace(self.accuracy.budget))
+        return _own(self)
 
     def finite(self, body: Body) -> bool:
         """Whether a body has finite strain."""
@@ -1184,6 +1166,15 @@ class Scene:
         if simplices:
             return self.materials[body.material].nu > POOR
         return self.locks(body) or (self.yields(body) and degree != 2)
+
+
+def _own(value):
+    """Tables anew, alone or in lists and dicts."""
+    if isinstance(value, tuple(HEADERS)):
+        return replace(value, **{one.name: _own(getattr(value, one.name)) for one in fields(value)})
+    if isinstance(value, dict):
+        return {name: _own(one) for name, one in value.items()}
+    return [_own(one) for one in value] if isinstance(value, list) else value
 
 
 # what messages and pages call the tables
