@@ -131,7 +131,7 @@ def _pairs(scene):
 
 
 def balance(scene, options):
-    """What the partition of a scene's mesh depends on: pairs of surfaces, weight of their facets, method."""
+    """Return what the partition of a scene's mesh depends on: pairs of surfaces, weight of their facets, method."""
     method = options.get("partition", "graph" if options.given("petscpartitioner_type") else "bisection")
     return _pairs(scene), options.get("partition_weight"), method
 
@@ -229,7 +229,7 @@ def present(scene, mesh):
 
 
 def check_present(scene, mesh):
-    """What phases say of contacts is about those whose bodies are there. *Collective.*
+    """Refuse what phases say of contacts whose bodies are not there. *Collective.*
 
     Raises
     ------
@@ -445,7 +445,7 @@ def _masses(scene, space, load, where):
 
 
 def _spinning(scene, space):
-    """What the displacement adds to centrifugal forces in bodies with finite strain. *Collective.*"""
+    """Return what the displacement adds to centrifugal forces in bodies with finite strain. *Collective.*"""
     finite = {number: scene.materials[body.material].density
               for number, body in enumerate(scene.bodies) if scene.finite(body)}  # fmt: skip
     spins = [(number, load) for number, load in enumerate(scene.loads) if load.angular_speed is not None and finite]

@@ -68,7 +68,7 @@ class Lasting(NamedTuple):
 
 
 class Kept(NamedTuple):
-    """What the next phase needs to know of the last one, on this rank.
+    """State of the last phase that the next one needs, on this rank.
 
     Attributes
     ----------
@@ -496,7 +496,7 @@ class Simulation:
         free_garbage(self.comm)
 
     def describe(self):
-        """What is modelled and what is left out, see :func:`pcontact.scene.describe`. *Collective.*"""
+        """Describe what is modelled and what is left out, see :func:`pcontact.scene.describe`. *Collective.*"""
         return describe(self.scene, self.mesh.dim, build.averaged_bodies(self.scene, self.problem.space))
 
     def _head(self):

@@ -106,7 +106,7 @@ def run_options():
 
 
 def usage(command=None):
-    """What ``--help`` says.
+    """Return the text of ``--help``.
 
     Parameters
     ----------

@@ -73,7 +73,7 @@ def _version(directories):
 
 
 def _is_there(record):
-    """Whether kernels were compiled for the program as it is, and nothing of them has gone since."""
+    """Return whether kernels were compiled for the program as it is, and nothing of them has gone since."""
     try:
         version, *names = record.read_text().splitlines()
     except (OSError, ValueError):

@@ -60,7 +60,7 @@ def unpack(revision: str, folder: Path) -> tuple[str, Path]:
 
 
 def tables(part):
-    """What differs from the default, as the tables of a scene file: any revision that knows these keys takes them."""
+    """Return what differs from the default, as tables of a scene file: a revision with these keys takes them."""
     if is_dataclass(part):
         made = {}
         for one in fields(part):

@@ -192,7 +192,7 @@ def over_gamma0(rows: list[dict], key: str, text) -> list[list[str]]:
 
 
 def document(data: dict) -> str:
-    """What is published: for each degree the pictures, the best gamma0, quantities over gamma0, and all runs of the
+    """Return what is published: by degree the pictures, the best gamma0, quantities over gamma0, and all runs of the
     finest mesh.
 
     Parameters

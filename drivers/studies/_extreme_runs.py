@@ -70,7 +70,7 @@ class _Warnings(logging.Handler):
 
 @contextmanager
 def _listening(limit):
-    """What a run says: warnings (list) and errors (stream), not shown; the process ends if it hangs."""
+    """Collect what a run says: warnings (list) and errors (stream), not shown; the process ends if it hangs."""
     warnings, errors = _Warnings(), io.StringIO()
     handlers, level = list(LOGGER.handlers), LOGGER.level
     LOGGER.handlers[:] = [warnings]

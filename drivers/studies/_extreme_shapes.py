@@ -136,7 +136,7 @@ def pointed(
 
 
 def _bends(kind, dim):
-    """What bends the upper cube [0, 1]^d and the lower one, whose top is at 0."""
+    """Return the maps that bend the upper cube [0, 1]^d and the lower one, whose top is at 0."""
     down = np.zeros(dim)
     if dim == 2:
         upper = turned(0.25 * np.pi, (0, 1), down)

@@ -1,4 +1,4 @@
-"""What studies share: runs in memory, what an observer counts, rows that are kept as they come, pages.
+"""Parts that studies share: runs in memory, what an observer counts, rows that are kept as they come, pages.
 
 A study runs scenes with variations, each run is a row (a dict), and tables follow from rows:
 
@@ -189,7 +189,7 @@ def study_parser(description, directory):
 
 
 def results(path, said, keys=()):
-    """What an earlier run has written as JSON. *Collective.*
+    """Load the JSON that an earlier run has written. *Collective.*
 
     Parameters
     ----------

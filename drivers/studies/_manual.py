@@ -1,4 +1,4 @@
-"""What the cases of the verification manual share: their form, runs that leave a picture, sums over contact points."""
+"""Parts of the cases of the verification manual: their form, runs that leave a picture, sums over contact points."""
 
 from collections.abc import Callable
 from contextlib import contextmanager
@@ -90,7 +90,7 @@ def record_of(scene, folder):
 
 
 def points_of(scene, folder):
-    """What a run has at the points of its first contact, on all ranks, see :func:`solved`. *Collective.*"""
+    """Return the values of a run at the points of its first contact, on all ranks, see :func:`solved`. *Collective.*"""
     with solved(scene, folder) as (simulation, _):
         return simulation.comm.bcast(contact_points(simulation), root=0)
 

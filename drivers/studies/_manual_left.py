@@ -1,4 +1,4 @@
-"""What the verification manual does not have, and why: benchmarks without a number to compare with."""
+"""Cases that the verification manual does not have, and why: benchmarks without a number to compare with."""
 
 LEFT = (
     "**NAFEMS CGS-4, a loaded pin** (A. W. A. Konter, *Advanced Finite Element Contact Benchmarks*, R0094): what is "

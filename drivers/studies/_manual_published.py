@@ -83,7 +83,7 @@ def spheres(what, folder, n):
 
 
 def roller(folder, n):
-    """How far the middle of the block of CGS-1 goes down, n cells in the half width of the contact. *Collective.*"""
+    """Return the way down of the middle of the block, CGS-1, n cells in the half width of the contact. *Collective.*"""
     path = make_mesh(cylinder_on_block, folder / "roller.msh", 6.2146 / n, 2, "quadrilateral", radius=50.0, width=200.0,
                      depth=200.0, half=True, contact_radius=9.0)  # fmt: skip
     more = {"steps": Steps(count=2), "output": Output(probes=["block_origin"])}
@@ -92,7 +92,7 @@ def roller(folder, n):
 
 
 def punch(friction, folder, n):
-    """How far the middle of the block of CGS-2 goes down, cells of 100 / n. *Collective.*"""
+    """Return the way down of the middle of the block of CGS-2, cells of 100 / n. *Collective.*"""
     path = make_mesh(rounded_punch, folder / "punch.msh", 100.0 / n, 2, "quadrilateral")
     more = {"steps": Steps(count=2), "output": Output(probes=["block_centre"])}
     record = record_of(nafems.punch_scene(path, friction, "small", **more), folder)

@@ -81,7 +81,7 @@ def line(row):
 
 
 def summary(rows):
-    """What the rows say together, in sentences."""
+    """Sum up the rows in sentences."""
     found = [row for row in rows if "true" in row]
     ratios = np.array([row["true"] / row["named"] for row in found])
     words = [f"The true error is below the one named in {int(np.sum(ratios <= 1.0))} of {len(rows)} rows, and at most "

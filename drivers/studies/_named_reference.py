@@ -1,4 +1,4 @@
-"""What stands for the exact solution of a scene of `named_error.py`: one solution that all its rows share.
+"""Reference in place of the exact solution of a scene of `named_error.py`: one solution that all its rows share.
 
 It is that of a loop with a target of its own, smaller than those of the rows, degree 2 and a small tolerance. It is
 kept as values at the quadrature points of its cells: there it is smooth, and so is a row's solution on the larger cells
@@ -255,7 +255,7 @@ def _again(loop, steps, watch, take):
 
 
 def _halved(loop, u, quantities, steps):
-    """What half of so many load steps change: of the displacement [sqrt(energy)] and quantities, by their names."""
+    """Return the change by half of so many steps: of the displacement [sqrt(energy)] and quantities, by their names."""
     scene, found = loop.best_scene(), {}
     scene.steps.count = max(steps // 2, 1)
     with solved(scene, MPI.COMM_WORLD, "command line", loop.mesh) as (run, record):

@@ -51,7 +51,7 @@ def _near_cells(x, lower, upper, child, first, last, order, cell_lower, cell_upp
 
 
 def _outside(cell, xi):
-    """How far reference points (n, d) are outside of the reference cell; negative inside."""
+    """Return the distances of reference points (n, d) outside of the reference cell; negative inside."""
     if cell in ("triangle", "tetrahedron"):
         return np.maximum(-xi.min(axis=1), xi.sum(axis=1) - 1.0)
     return np.abs(xi).max(axis=1) - 1.0

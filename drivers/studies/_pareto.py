@@ -1,4 +1,4 @@
-"""What costs least for an error: the Pareto front of pairs (cost, error)."""
+"""Pairs of least cost for an error: the Pareto front of pairs (cost, error)."""
 
 from collections.abc import Sequence
 

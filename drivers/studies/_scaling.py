@@ -22,7 +22,7 @@ def name_of(row: dict) -> str:
 
 
 def growth(rows: list[dict]) -> list[dict]:
-    """How a case grows with its size, on a number of ranks: from the smallest to the largest.
+    """Measure how a case grows with its size, on a number of ranks: from the smallest to the largest.
 
     Returns
     -------
@@ -73,7 +73,7 @@ def efficiencies(group: list[dict], weak: bool) -> list[float]:
 
 
 def key_of(row: dict) -> tuple:
-    """What a row has in common with the linear elastic solve on the same mesh and ranks."""
+    """Return what a row has in common with the linear elastic solve on the same mesh and ranks."""
     return tuple(row[key] for key in KEY if key != "case")
 
 
@@ -107,7 +107,7 @@ def _work(rows):
 
 
 def _parallel(rows):
-    """What ranks tell each other, and how work is spread."""
+    """Describe what ranks tell each other, and how work is spread."""
     header = ["ranks", "unknowns", "case", "messages", "MB sent", "candidates", "asked", "imb. cells", "contact"]
     table = [
         [row["ranks"], row["unknowns"], name_of(row), row["messages"], f"{row['bytes'] / 1e6:.1f}",

@@ -1,4 +1,4 @@
-"""What the trade of speed for accuracy says: fronts, promises, tables, plots."""
+"""Results of the trade of speed for accuracy: fronts, promises, tables, plots."""
 
 from pathlib import Path
 
@@ -27,7 +27,7 @@ def cost(row: dict, clock: str, own: bool = False) -> float:
 
 
 def fronts(rows: list[dict], quantities: tuple, clock: str) -> dict[str, list[dict]]:
-    """By quantity the rows that no other beats in cost and error, by growing cost."""
+    """Return by quantity the rows that no other beats in cost and error, by growing cost."""
     rows, found = good(rows), {}
     for key in quantities:
         costs, errors = [cost(row, clock) for row in rows], [row["errors"][key] for row in rows]
@@ -73,7 +73,7 @@ def judged(rows: list[dict], quantities: tuple, clock: str, name: str = "standar
 
 
 def promises(case: Case, rows: list[dict], quantities: tuple, clock: str) -> dict[str, dict]:
-    """What each preset promises for a class of scenes: on its mesh, errors and cost, see `MARGIN`.
+    """Return the promises of each preset for a class of scenes: on its mesh, errors and cost, see `MARGIN`.
 
     Returns
     -------

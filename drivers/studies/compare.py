@@ -143,7 +143,7 @@ def measure_sheared(points: dict[str, np.ndarray], record: dict) -> dict[str, fl
 
 
 def is_coercive(name: str, gamma0: float) -> bool:
-    """Whether gamma0 is not below the bound of coercivity of a formulation; penalty and multipliers have none."""
+    """Tell whether gamma0 is not below the bound of coercivity of a formulation; penalty and multipliers have none."""
     formulation, theta, *_ = METHODS[name]
     return formulation != "nitsche" or gamma0 >= coercive(theta)
 
@@ -190,7 +190,7 @@ def earlier(path: Path, order: int, case: str) -> list[dict]:
 
 
 def load(path: Path) -> dict:
-    """What earlier sweeps left. *Collective.*
+    """Load the rows of earlier sweeps. *Collective.*
 
     Raises
     ------

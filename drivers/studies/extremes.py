@@ -51,7 +51,7 @@ def page(rows):
 
 
 def counts(rows):
-    """How often each verdict is given."""
+    """Count each verdict."""
     found = {}
     for row in rows:
         found[row["verdict"]] = found.get(row["verdict"], 0) + 1

@@ -43,7 +43,7 @@ TARGETS = (0.1, 0.05, 0.02, 0.01)
 
 
 class Answer:
-    """What is kept of a pass of a loop: as ``take`` of :class:`pcontact.adapt.loop.Loop`.
+    """Values kept of a pass of a loop: as ``take`` of :class:`pcontact.adapt.loop.Loop`.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ class Answer:
 
     @classmethod
     def of(cls, run, converged, exact=None, contact=""):
-        """What is kept of a pass. *Collective.*"""
+        """Return the values kept of a pass. *Collective.*"""
         answer = cls(exact, contact)
         answer(run, converged)
         return answer
@@ -127,7 +127,7 @@ def scene_of(named, folder):
 
 
 def reference(name, named, args):
-    """What rows are compared with but for pressures; None where all is known exactly. *Collective.*"""
+    """Return what rows are compared with but for pressures; None where all is known exactly. *Collective.*"""
     wanted = [of for of in named.quantities if of != "energy" and of not in named.known and not contact_of(of)]
     if (not wanted and named.exact is not None) or not asked(named, args, lambda of: not contact_of(of)):
         return None
@@ -143,7 +143,7 @@ def reference(name, named, args):
 
 
 def pressure_reference(name, named, args):
-    """What pressures are compared with, and what it may lack; None where they are known exactly, or none is asked for.
+    """Return what pressures are compared with, and what that may lack; None where they are exact, or not asked for.
     *Collective.*"""
     wanted = asked(named, args, lambda of: contact_of(of) and of not in named.known)
     if not wanted:

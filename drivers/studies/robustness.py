@@ -81,7 +81,7 @@ def totals(rows):
 
 
 def name_of(row):
-    """What tells a scene from the others."""
+    """Return the name that tells a scene from the others."""
     return f"{row['family']}, {row['scene']}"
 
 
@@ -129,13 +129,13 @@ def page(rows, variants):
 
 
 def _listed(rows):
-    """How many scenes, and of which families."""
+    """Count the scenes of each family."""
     families = ", ".join(dict.fromkeys(row["family"] for row in rows))
     return f"{len(rows)} ({families})" if rows else "0"
 
 
 def _worse(row, old):
-    """Whether a scene takes more than a tenth and two more Newton iterations than it did, or fails and did not."""
+    """Tell whether a scene takes more than a tenth and two more Newton iterations than it did, or fails and did not."""
     if row["ended"] != old["ended"]:
         return old["ended"] == "converged"
     return row["newton"] > 1.1 * old["newton"] + 2

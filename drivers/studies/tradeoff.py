@@ -49,7 +49,7 @@ MARK = "<!-- What follows is written by drivers/studies/tradeoff.py with the opt
 
 
 def summary(case: Case, rows: list[dict], clock: str) -> dict:
-    """What the rows of a scene say: fronts (labels), promises, the preset `standard` against the best."""
+    """Sum up the rows of a scene: fronts (labels), promises, the preset `standard` against the best."""
     found = fronts(rows, case.quantities, clock)
     return {
         "fronts": {
@@ -108,7 +108,7 @@ def documented(case, table: list[dict]) -> list[dict]:
 
 
 def load(path: Path) -> dict:
-    """What an earlier sweep left. *Collective.*
+    """Load the rows of an earlier sweep. *Collective.*
 
     Raises
     ------

@@ -124,7 +124,7 @@ def solve(case: Scene, variant: str, friction: float) -> dict | None:
 
 
 def cells(row: dict) -> list:
-    """What a table shows of a scene."""
+    """Return the cells that a table shows of a scene."""
     found = [row[name] for name in VARIANTS]
     updates = ["" if one is None else f"{one['updates']}" for one in found]
     for k, one in enumerate(found):

@@ -146,7 +146,7 @@ def _joined(parts: list[Fields]) -> Fields:
 
 
 def _body_of_nodes(part: Fields) -> np.ndarray:
-    """By which nodes of one number are told apart: bodies that share them have their own where fields are averaged."""
+    """Return what tells nodes of one number apart: bodies that share them have their own where fields are averaged."""
     body, first = np.zeros(len(part.points), dtype=np.int64), 0
     if not any(name.endswith("_smooth") for name in part.point_data):
         return body

@@ -89,7 +89,7 @@ def _written(source: Any, groups: Mapping[str, Any], facets: Mapping[str, Any]) 
 
 
 def _file(source: Any) -> FileMesh:
-    """What there is: points, tables of elements, groups."""
+    """Return the mesh as a file has it: points, tables of elements, groups."""
     if isinstance(source, (str, Path)):
         return read_file(Path(source))
     if hasattr(source, "cell_sets"):

@@ -1,4 +1,4 @@
-"""What a run has found: fields, contacts, history, report; kept in memory, saved, and loaded again."""
+"""Results of a run: fields, contacts, history, report; kept in memory, saved, and loaded again."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ class Picture:
 
 
 class Run:
-    """What a run has found.
+    """Results of a run.
 
     Attributes
     ----------
@@ -144,7 +144,7 @@ class Run:
 
     @property
     def warnings(self) -> list[str]:
-        """What the run warned of, a list of lines."""
+        """Warnings of the run, a list of lines."""
         return self.report["warnings"]
 
     @property
@@ -164,7 +164,7 @@ class Run:
 
     @property
     def contact(self) -> dict[str, ContactResult]:
-        """By the name of the contact: ``run.contact["skin-top"].pressure``."""
+        """Contacts by their names: ``run.contact["skin-top"].pressure``."""
         last, found = self._contacts(), self.fields().contacts
         return Named({name: ContactResult(data, last.get(name, {})) for name, data in found.items()})
 
@@ -262,7 +262,7 @@ class Run:
 
 
 def load(directory: str | Path, step: int = -1, comm: Any = None) -> Run:
-    """What a run has written: report, history and the fields of a load step, whole on every rank.
+    """Load what a run has written: report, history and the fields of a load step, whole on every rank.
 
     Parameters
     ----------

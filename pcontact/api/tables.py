@@ -1,4 +1,4 @@
-"""What the API gives by name: dicts, lists of tables and columns that say what there is."""
+"""Values that the API gives by name: dicts, lists of tables and columns that say what there is."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def names_of(table: object) -> list[str]:
 
 
 def there(one: Any) -> list[str]:
-    """What a table, a dict or a list of a scene has."""
+    """Return the names that a table, a dict or a list of a scene has."""
     if is_dataclass(one):
         return [field.name for field in fields(one) if field.name not in INNER]
     if isinstance(one, dict):

@@ -227,12 +227,12 @@ class Motion:
             self._turn = Turn(first, second - first, np.radians(turn[6]))
 
     def point(self, x):
-        """Where a point (3,) comes to."""
+        """Return the place that a point (3,) comes to."""
         moved = np.asarray(x) + self._shift
         return moved if self._turn is None else moved + self._turn.displacement(moved, 1.0)
 
     def direction(self, x):
-        """Where a direction (3,) comes to."""
+        """Return what a direction (3,) becomes."""
         x = np.asarray(x)
         return x if self._turn is None else x + self._turn.displacement(self._turn.point + x, 1.0)
 
@@ -319,7 +319,7 @@ def _system(card):
 
 
 def _motion(card):
-    """Where an instance stands, from the lines of *INSTANCE: a translation, and a turn that follows it."""
+    """Return the place of an instance, from the lines of *INSTANCE: a translation, and a turn that follows it."""
     rows = [card.numbers(place, words) for place, words in card.rows if any(words)]
     shift = (rows[0] + [0.0] * 3)[:3] if rows else [0.0] * 3
     if len(rows) < _LINES:

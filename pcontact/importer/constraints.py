@@ -1,4 +1,4 @@
-"""What a deck ties together, as tables of a scene: equations, cyclic symmetry, sections of bolts (*PRE-TENSION SECTION)
+"""Ties of a deck, as tables of a scene: equations, cyclic symmetry, sections of bolts (*PRE-TENSION SECTION)
 and groups that hang on a reference node (*RIGID BODY, *COUPLING and their older forms).
 """
 
@@ -279,7 +279,7 @@ class Reference:
     turn: int | None = None
 
     def dofs(self):
-        """What prescribes and loads it: (node, degree of freedom) of the deck to its own degree of freedom, from 0."""
+        """Degrees of freedom of the deck (node, number) that prescribe and load it, to its own, from 0."""
         own = {(self.node, k): k for k in ALL}
         return own | ({} if self.turn is None else {(self.turn, k): MOVES + k for k in range(MOVES)})
 
@@ -360,7 +360,7 @@ class References:
             one.turn = self._node(card, "ROTNODE")
 
     def _tool(self, card):
-        """Whether a rigid body is a rigid surface."""
+        """Return whether a rigid body is a rigid surface."""
         tables, name = [], card.get("ANALYTICALSURFACE", "")
         if name:
             tables += [self._tools.used[name.upper()].table] if name.upper() in self._tools.used else []
@@ -408,7 +408,7 @@ class References:
         return found
 
     def _said(self, card, kind, dofs):
-        """Which degrees of freedom are coupled: all that solids have, or it is another coupling."""
+        """Return the degrees of freedom that are coupled: all that solids have, or it is another coupling."""
         self.findings.know(card, "COUPLING", "WEIGHTINGMETHOD", "REFNODE")
         wanted = set(range(1, MOVES + 1))
         if dofs and not wanted <= set(dofs):

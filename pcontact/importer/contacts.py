@@ -301,7 +301,7 @@ class Contacts:
         self.findings.change(card, words, place)
 
     def _adjusted(self, card, place, faces, target):
-        """How wide gaps are closed by ADJUST: a distance, or a set of nodes whatever their gap."""
+        """Return the width of gaps that ADJUST closes: a distance, or a set of nodes whatever their gap."""
         word = card.need("ADJUST")
         if word.upper() not in self.deck.node_sets:
             return max(card.number(place, word), TOUCHING * self._edge(faces))

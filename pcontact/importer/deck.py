@@ -106,7 +106,7 @@ def kind_of(word):
 
 
 def in_plane(cell):
-    """Whether a cell is one of the plane."""
+    """Return whether a cell is one of the plane."""
     return cell.startswith(("tri", "quad"))
 
 
@@ -312,7 +312,7 @@ class Step:
 
 @dataclass
 class Deck:
-    """What a deck holds.
+    """Contents of a deck.
 
     Attributes
     ----------

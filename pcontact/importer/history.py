@@ -91,7 +91,7 @@ class History:
         self.points.append((time, value))
 
     def key(self):
-        """What tells it from others: its points without those that say nothing."""
+        """Key that tells it from others: its points without those that say nothing."""
         points = list(self.points)
         kept = [points[0]]
         for before, here, after in zip(points, points[1:], points[2:], strict=False):

@@ -145,12 +145,12 @@ def _alone(run, deck, findings):
 
 
 def is_static(step):
-    """Whether it is a static step from the state before it."""
+    """Return whether it is a static step from the state before it."""
     return "PERTURBATION" not in step.card.parameters and not any(card.key in PROCEDURES for card in step.cards)
 
 
 def _static(step, findings):
-    """Whether it is a static step; what is left out of it."""
+    """Return whether it is a static step; what is left out of it."""
     other = next((card for card in step.cards if card.key in PROCEDURES), None)
     if other is not None:
         findings.leave(other, "allowed: static steps")
@@ -178,7 +178,7 @@ def _period(step, findings):
 
 
 class Presence:
-    """Which elements are there in which static step.
+    """Elements that are there, by static step.
 
     Elements that are there in none of them are taken out of the deck.
 
@@ -237,7 +237,7 @@ class Presence:
 
     @property
     def changes(self):
-        """Whether elements are there in some steps only."""
+        """Return whether elements are there in some steps only."""
         return any(one != self.gone[0] for one in self.gone)
 
     def split(self, parts):

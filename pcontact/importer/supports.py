@@ -142,7 +142,7 @@ class Frames:
 
 
 class Supports:
-    """What holds and loads the nodes, faces and cells of a deck, from step to step.
+    """Supports and loads of the nodes, faces and cells of a deck, from step to step.
 
     Parameters
     ----------
@@ -325,7 +325,7 @@ class Supports:
 
     @property
     def changes(self):
-        """Whether a support begins or ends with a step but the first and the last one."""
+        """Return whether a support begins or ends with a step but the first and the last one."""
         return any(len(steps) != self.count for steps in self.active.values())
 
     def pushed(self):

@@ -71,7 +71,7 @@ class Tools:
 
     @staticmethod
     def rigid(surface):
-        """Whether a surface is one."""
+        """Return whether a surface is one."""
         return bool(surface.sides) or surface.card.word("TYPE") in ANALYTICAL
 
     def of(self, surface, faces=()):
@@ -131,7 +131,7 @@ class Tools:
         tool.facets.insert(0, _turned(first, tool.curved) if back else first)
 
     def _closed(self, tool, corners):
-        """Whether every edge, or in the plane every end, belongs to two facets."""
+        """Return whether every edge, or in the plane every end, belongs to two facets."""
         digits = int(np.ceil(-np.log10(_SAME * max(self._size, np.ptp(tool.nodes))))) if len(tool.nodes) else 0
         ends = {}
         for x in corners:

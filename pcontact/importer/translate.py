@@ -257,7 +257,7 @@ def _at(card):
 
 
 def _say(card, findings):
-    """What can be said of a card by its keyword alone."""
+    """Say what can be said of a card by its keyword alone."""
     if card.key in OUTPUT:
         findings.skip(card)
     elif card.key in STRUCTURE:

@@ -199,7 +199,7 @@ class Identity:
         return np.frombuffer(json.dumps(data).encode(), dtype=np.uint8)
 
     def differences(self, then, time):
-        """Where a run is not what a checkpoint is of.
+        """Return the points in which a run is not what a checkpoint is of.
 
         Parameters
         ----------
@@ -231,7 +231,7 @@ class Identity:
 
 @dataclass
 class Resumed:
-    """Where a run goes on.
+    """State at which a run goes on.
 
     Attributes
     ----------
@@ -343,7 +343,7 @@ def read_checkpoint(directory, space, identity, anyway=False):
 
 
 def _verified(directory, path, comm):
-    """Whether the file has checksums, which this rank's part of it meets."""
+    """Return whether the file has checksums, which this rank's part of it meets."""
     try:
         return verify(path, comm.rank, comm.size)
     except FileNotFoundError:

@@ -1,4 +1,4 @@
-"""What a run costs: time, messages and memory of its phases, how evenly the work is spread, bytes of arrays by item,
+"""Costs of a run: time, messages and memory of its phases, how evenly the work is spread, bytes of arrays by item,
 calls of kernels; and what pieces that a scene does not have would add.
 
 Physics that a scene does not use must not show here: the counters of a scene without it are those of a program that

@@ -20,7 +20,7 @@ LITTLE = 1e-3
 
 
 def label(scene):
-    """What the estimate of a scene's run is, and where theory ends.
+    """Return what the estimate of a scene's run is, and where theory ends.
 
     Parameters
     ----------
@@ -163,7 +163,7 @@ class ErrorEstimate(Observer):
         return goal.GoalError(found.value, error, cells, loads, algebraic, together)
 
     def _held(self, u, z, found, closing):
-        """What holds groups that move on average in a dual displacement. *Collective.*"""
+        """Return what holds groups that move on average in a dual displacement. *Collective.*"""
         problem = self._problem
         if not problem.features.averages:
             return []

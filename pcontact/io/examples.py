@@ -96,7 +96,7 @@ def write_example(name, example):
 
 
 def _examples():
-    """Where the examples are, and the package that makes their meshes: in the wheel, or in the repository."""
+    """Return the folder of examples, and the package that makes their meshes: in the wheel, or in the repository."""
     package = Path(__file__).resolve().parents[1]
     if (package / "examples").is_dir():
         return package / "examples", package / "examples" / "meshes"
@@ -131,7 +131,7 @@ def _write_mesh(path):
 
 
 class Head(NamedTuple):
-    """What the head comment of an example says.
+    """Contents of the head comment of an example.
 
     Attributes
     ----------

@@ -267,7 +267,7 @@ def _columns(arrays, n, name):
 
 
 def _signatures(grid):
-    """What the ranks must agree on: has this one points and cells, and which arrays do they carry."""
+    """Return what the ranks must agree on: has this one points and cells, and which arrays do they carry."""
     return {
         "size": (len(grid.points), len(grid.types)),
         "point_data": {key: vtu.signature(array) for key, array in grid.point_data.items()},
@@ -435,7 +435,7 @@ class FieldWriter:
                 vtu.write_pvtu(folder / f"{file}.pvtu", part["point_data"], part["cell_data"], pieces)
 
     def _checked_meshes(self, grids, file):
-        """By part, checksums of the mesh of all ranks and the file that has it, which may be an earlier one.
+        """Return by part checksums of the mesh of all ranks and the file that has it, which may be an earlier one.
         *Collective.*"""
         own = {key: [zlib.crc32(array) for array in (grid.points, grid.connectivity, grid.types)]
                for key, grid in grids.items()}  # fmt: skip

@@ -86,14 +86,14 @@ COMPONENTS = ("x", "y", "z", "xx", "yy", "zz", "xy", "yz", "xz")
 
 
 def known(name):
-    """Whether a picture may be asked for a field, or a component of one, by this name."""
+    """Return whether a picture may be asked for a field, or a component of one, by this name."""
     names = {field.name for field in FIELDS}
     bare, _, ending = name.rpartition("_")
     return name in names or name == "mesh" or (bare in names and ending in COMPONENTS)
 
 
 def forces_of(kinematics, dim):
-    """What all forces of the report are, and the names of their components.
+    """Return all forces of the report, and the names of their components.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What watches a run: terminal, history, report, fields."""
+"""Observers of a run: terminal, history, report, fields."""
 
 import math
 import time as clock
@@ -299,7 +299,7 @@ class Records(Observer):
         self._write({"converged": converged, **costs})
 
     def data(self):
-        """What the report holds, on every rank. *Collective.*
+        """Return the contents of the report, on every rank. *Collective.*
 
         Returns
         -------

@@ -52,8 +52,8 @@ def refine_run(directory, options, comm=MPI.COMM_SELF):
 
 
 def _prepared(directory, options):
-    """What was written with a geometry; or else None, the mesh, the cells to cut, the file to write, and whether the
-    cells are divided first."""
+    """Return what was written with a geometry; or else None, the mesh, the cells to cut, the file to write, and
+    whether the cells are divided first."""
     values = read_all("refine", REFINE, options)
     raw, estimates, degree = read_estimate(directory, values.get("step", -1))
     target = Path(values.get("o") or directory / "refined.msh")

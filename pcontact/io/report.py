@@ -217,7 +217,7 @@ class Report:
             self.write()
 
     def whole(self):
-        """What the file holds, with the load steps, not yet in the types of JSON."""
+        """Return the contents of the file, with the load steps, not yet in the types of JSON."""
         return {**self.data, "steps": list(read_steps(self._directory)) if self.steps is None else self.steps}
 
     def write(self):

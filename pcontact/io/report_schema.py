@@ -1,4 +1,4 @@
-"""What ``report.json`` holds: the JSON Schema of its version, from which its page in the docs follows.
+"""Contents of ``report.json``: the JSON Schema of its version, from which its page in the docs follows.
 
 Units stand in brackets at the end of a description: [length], [force], [stress] ... are those of the scene, [-] is a
 number without one. Vectors have a number per direction of space, see the key ``forces`` for those of forces.

@@ -84,12 +84,12 @@ def load_result(directory, step=-1):
 
 
 def has_fields(directory):
-    """Whether a run has left fields in a directory."""
+    """Return whether a run has left fields in a directory."""
     return any((Path(directory) / name).exists() for name in INDICES.values())
 
 
 def _number(index, step, times, begins):
-    """Which of the times a step is, from 0. The first of them may be that of the undeformed bodies."""
+    """Return the number of a step among the times, from 0. The first of them may be that of the undeformed bodies."""
     count = len(times) - begins
     if abs(step) > count or step == 0 and not begins:
         allowed = f"1 to {count}, or -1 (the last) to {-count}{'; 0: undeformed' if begins else ''}"

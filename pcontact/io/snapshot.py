@@ -119,7 +119,7 @@ def _layers(space):
 
 
 def facet_status(facet, status, weight, n):
-    """What most of the closed points of a facet do, by their area: stick or slip; open where none is closed.
+    """Return what most of the closed points of a facet do, by their area: stick or slip; open where none is closed.
 
     Parameters
     ----------

@@ -285,7 +285,7 @@ class Chooser:
 
 @dataclass
 class Cells:
-    """What a partition has to know of the cells of one rank.
+    """Cells of one rank as far as a partition has to know them.
 
     Attributes
     ----------
@@ -355,7 +355,7 @@ def _count(slot, keys, work, shift, prefix, digit, out):
 
 @njit_exact
 def _within(slot, keys, shift, prefix, out):
-    """Whether cells begin with the prefix of their part."""
+    """Return whether cells begin with the prefix of their part."""
     for c in range(slot.shape[0]):
         a = slot[c]
         out[c] = a >= 0 and keys[c] >> shift[a] == prefix[a]
@@ -372,7 +372,7 @@ def _divide(slot, keys, ids, last_key, last_id, right, out):
 
 
 def _narrow(cells, slot, keys, shares, sizes):
-    """Where the cut of every part is, down to a few cells. *Collective.*
+    """Find the cut of every part, down to a few cells. *Collective.*
 
     Returns
     -------

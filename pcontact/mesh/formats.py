@@ -72,7 +72,7 @@ _NAME = 80
 
 
 def read_meshio(path):
-    """What meshio makes of a file; its messages go to the log, its failures become an InputError."""
+    """Read a file by meshio; its messages go to the log, its failures become an InputError."""
     suffix = path.suffix.lower()
     try:
         # a tenth of a second that a gmsh file does not need
@@ -260,7 +260,7 @@ def _kind(text, n_nodes):
 
 
 def _count(variables, prefix):
-    """How many variables there are that are called so, with numbers from 1 on."""
+    """Count the variables that are called so, with numbers from 1 on."""
     k = 1
     while f"{prefix}{k}" in variables:
         k += 1

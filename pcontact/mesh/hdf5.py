@@ -1,4 +1,4 @@
-"""What `pcontact convert` writes and runs read: a mesh of any format, checked and ordered, as one HDF5 file.
+"""The form that `pcontact convert` writes and runs read: a mesh of any format, checked and ordered, as one HDF5 file.
 
 Every rank reads a part, and no rank has the whole mesh.
 
@@ -108,7 +108,7 @@ def _write(file, raw, curved):
 
 
 def mesh_sizes(raw):
-    """What a mesh holds, in the words of a message."""
+    """Return the contents of a mesh in the words of a message."""
     kinds = ", ".join(f"{len(block.nodes)} cells ({block.cell})" for block in raw.blocks)
     groups = len({*raw.cell_groups, *raw.facet_groups, *raw.node_groups})
     return f"{len(raw.points)} nodes, {kinds}, degree {raw.blocks[0].degree}, {groups} groups"
@@ -164,13 +164,13 @@ def write(target, raw, order=1, curved=None):
 
 
 def is_converted(path):
-    """Whether a mesh is a converted one, by its name and as it is none of PETSc's."""
+    """Return whether a mesh is a converted one, by its name and as it is none of PETSc's."""
     return Path(path).suffix.lower() == SUFFIX and not is_petsc_file(path)
 
 
 @dataclass
 class Summary:
-    """What a scene is checked against: sizes of the groups in place of their members.
+    """Mesh as a scene is checked against it: sizes of the groups in place of their members.
 
     Attributes
     ----------
@@ -270,7 +270,7 @@ class ConvertedMesh:
         self.piece = together(comm, self._read, order, summed)
 
     def _verify(self):
-        """Whether the file has checksums, which this rank's part of it meets."""
+        """Return whether the file has checksums, which this rank's part of it meets."""
         try:
             return verify(self.path, self.comm.rank, self.comm.size)
         except Damaged as error:
@@ -347,7 +347,7 @@ class ConvertedMesh:
             piece.edge_groups[name] = np.asarray(ids).astype(np.int64)[number.reshape(-1, 2)]
 
     def summary(self, pairs):
-        """What a scene is checked against. *Collective.*
+        """Return what a scene is checked against. *Collective.*
 
         Parameters
         ----------

@@ -156,7 +156,7 @@ class Mesh:
         return np.cumsum([0] + [len(block.nodes) for block in self.blocks])
 
     def of_cells(self, name):
-        """What blocks know of their cells (n_cells,), by its name: numbers, bodies, components."""
+        """Return what blocks know of their cells (n_cells,), by its name: numbers, bodies, components."""
         parts = [np.broadcast_to(getattr(block, name), len(block.nodes)) for block in self.blocks]
         return np.concatenate([np.zeros(0, dtype=np.int64), *parts])
 

@@ -173,7 +173,7 @@ def _format(path, data):
 
 
 def _sections(path, data):
-    """Where the contents of each section begin and end, by name."""
+    """Return begin and end of the contents of each section, by name."""
     spans, at = {}, 0
     while (at := _BLANKS.match(data, at).end()) < len(data):
         head = _HEAD.match(data, at)
@@ -505,7 +505,7 @@ def _fill(path, file, parts, groups, names):
 
 
 def available():
-    """Whether gmsh's Python module is installed."""
+    """Return whether gmsh's Python module is installed."""
     return importlib.util.find_spec("gmsh") is not None
 
 
@@ -591,7 +591,7 @@ def apart(path, data=None):
 
 
 def _translated(path, data):
-    """What gmsh reads out of the contents of a file."""
+    """Return what gmsh reads out of the contents of a file."""
     words = data[:1000].split()
     old = "new" if words[:1] == [b"$MeshFormat"] and words[1:2] and words[1][:1] == b"4" else "old"
     with apart(path, data) as file:

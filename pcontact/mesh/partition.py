@@ -1,4 +1,4 @@
-"""Which rank gets which cell.
+"""Partition of cells over the ranks.
 
 Which facets of source surfaces may have a partner: they are the work of contact, which the partition spreads.
 
@@ -66,7 +66,7 @@ def _widen(shape, occupied, radius, out):
 
 
 def _close(comm, source, target, radius):
-    """Whether the means of source facets are near a target facet, on a lattice of boxes. *Collective.*
+    """Return whether the means of source facets are near a target facet, on a lattice of boxes. *Collective.*
 
     source, target : low, high, mean (n, d) of facets. radius [length], or None.
     """

@@ -47,7 +47,7 @@ CELLS_OF = {(2, 3): "triangle", (2, 4): "quadrilateral", (3, 4): "tetrahedron", 
 
 
 def owners(comm, keys, n_keys, first=0):
-    """Which rank owns what several ranks have, spread evenly, the same in every run. *Collective.*
+    """Return the ranks that own what several ranks have, spread evenly, the same in every run. *Collective.*
 
     Parameters
     ----------
@@ -314,7 +314,7 @@ def _set_labels(dm, mesh, number):
 
 
 class Tables(NamedTuple):
-    """What a Plex holds.
+    """Contents of a Plex.
 
     Attributes
     ----------
@@ -364,7 +364,7 @@ def read_plex(dm):
 
 
 class _Part:
-    """What one rank has of a Plex. *Collective.*"""
+    """Part that one rank has of a Plex. *Collective.*"""
 
     def __init__(self, dm):
         self.dm, self.dim, self.error = dm, dm.getDimension(), None
@@ -472,7 +472,7 @@ class _Part:
 
 
 def is_petsc_file(path):
-    """Whether an HDF5 file is one that PETSc has written of a Plex."""
+    """Return whether an HDF5 file is one that PETSc has written of a Plex."""
     try:
         with h5py.File(path, "r") as file:
             return "topology" in file or "topologies" in file
@@ -481,7 +481,7 @@ def is_petsc_file(path):
 
 
 def read_petsc_file(path):
-    """What PETSc's HDF5 viewer has written of a Plex (``-dm_view hdf5:FILE``), on this process alone: a FileMesh.
+    """Read what PETSc's HDF5 viewer has written of a Plex (``-dm_view hdf5:FILE``), on this process alone: a FileMesh.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What a mesh file holds, what the program makes of it, and how physical groups find their cells and facets.
+"""Contents of a mesh file, what the program makes of them, and how physical groups find their cells and facets.
 
 A reader of a file format fills a `FileMesh`; `pcontact.mesh.read` turns that into a `RawMesh`. Facets of
 a group are matched with the facets of the cells by their vertices.
@@ -314,7 +314,7 @@ class Table:
 
 @dataclass
 class FileMesh:
-    """What a mesh file holds, whatever its format.
+    """Contents of a mesh file, whatever its format.
 
     Attributes
     ----------
@@ -507,7 +507,7 @@ def default_name(dim, tag):
 
 @njit
 def _wanted_cells(wanted, nodes, n_corners, least):
-    """Whether cells, whose vertices are their first nodes, have at least so many wanted vertices, (n,) bool."""
+    """Return whether cells, whose vertices are their first nodes, have at least so many wanted vertices, (n,) bool."""
     out = np.empty(nodes.shape[0], dtype=np.bool_)
     for c in range(nodes.shape[0]):
         count = 0

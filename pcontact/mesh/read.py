@@ -74,7 +74,7 @@ def read_mesh(path):
 
 
 def read_file(path):
-    """What a mesh file holds: a :class:`FileMesh`, from a file of any format.
+    """Read what a mesh file holds: a :class:`FileMesh`, from a file of any format.
 
     Raises
     ------

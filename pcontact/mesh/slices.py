@@ -31,7 +31,7 @@ class SliceBlock:
 
 @dataclass
 class MeshSlice:
-    """What one rank holds of a mesh before it is dealt.
+    """Slice of a mesh that one rank holds before it is dealt.
 
     The rows of all blocks together are the *rows* of the slice. Cells and nodes have a place in the file and a number,
     by which the program knows them; the places are in the order of the rows and ranks.
@@ -301,7 +301,7 @@ def bits(groups, n):
 
 
 def has_bit(columns, k):
-    """Whether group k is in the columns (n, m) of :func:`bits`."""
+    """Return whether group k is in the columns (n, m) of :func:`bits`."""
     return (columns[:, k // COLUMN] >> np.int64(k % COLUMN)) & 1 == 1
 
 

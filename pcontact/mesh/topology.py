@@ -331,7 +331,7 @@ def _refuse(path, points, blocks, tags, bad, what, allowed):
 
 
 def once(keys):
-    """Which of some keys (n,) are there once: ndarray (n,) of bool.
+    """Tell which of some keys (n,) are there once: ndarray (n,) of bool.
 
     Keys are random numbers already: each goes to the place of a table that its last bits name, or to the next that is
     free. That takes a tenth of the time of sorting.
@@ -403,7 +403,7 @@ def outer_facets(mesh, exchanger, of_bodies=False):
 
 
 def _nowhere_else(exchanger, keys):
-    """Which of some keys (n,) no other rank has. *Collective.*"""
+    """Tell which of some keys (n,) no other rank has. *Collective.*"""
     home = (keys % np.uint64(exchanger.comm.size)).astype(np.int64)
     single = exchanger.ask(home, keys.view(np.int64)[:, None], lambda rows: once(rows[:, 0])[:, None].astype(np.int64))
     return single[:, 0] > 0

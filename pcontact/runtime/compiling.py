@@ -1,4 +1,4 @@
-"""What is said of the compilation of kernels, and what it takes."""
+"""Messages of the compilation of kernels, and what it takes."""
 
 import gc
 import resource
@@ -30,7 +30,7 @@ def seconds():
 
 
 def memory():
-    """By how much this process has grown so far where it compiled or loaded kernels [byte]."""
+    """Return the growth of this process so far where it compiled or loaded kernels [byte]."""
     return _State.bytes
 
 

@@ -1,4 +1,4 @@
-"""What an option of the command line is: declared once.
+"""Options of the command line, each declared once.
 
 From a declaration follow what the program takes for the option, the message about a wrong value, ``--help`` and the
 tables of docs/options.md and docs/command_line.md (``scripts/reference.py``). Options that replace a key of the scene
@@ -82,7 +82,7 @@ class Option:
 
     @property
     def allowed(self) -> str:
-        """What messages say is allowed."""
+        """Values that messages say are allowed."""
         if self.kind == "array":
             return f"some of {', '.join(self.rule.schema['items']['enum'])}"
         if not self.checked:
@@ -150,7 +150,7 @@ def read_all(command: str, options: Mapping[str, Option], words: Mapping[str, st
 
 
 def help_lines(options: Iterable[Option], column: int = 51, width: int = 120) -> list[str]:
-    """What ``--help`` says of options: one line each, two where the usage is long."""
+    """Return the lines of ``--help`` on options: one line each, two where the usage is long."""
     lines = []
     for option in options:
         default = f" ({option.otherwise or shown(option.default)})" if _has_default(option) else ""
@@ -288,7 +288,7 @@ def _size(value):
 
 
 def _cut(value):
-    """Whether to cut at the contact, or (axis, coordinate or None)."""
+    """Return whether to cut at the contact, or (axis, coordinate or None)."""
     if value.lower() in WORDS:
         return WORDS[value.lower()]
     axis, _, where = value.partition("=")

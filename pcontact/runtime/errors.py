@@ -1,4 +1,4 @@
-"""What can go wrong, by whose hand, and the one line that says so."""
+"""Errors, by whose hand they are, and the one line that says so."""
 
 import difflib
 import re
@@ -106,7 +106,7 @@ def set_elsewhere(file: str, options: Mapping[str, str]) -> None:
 
 
 def _origin(file, key):
-    """What a message begins with: file and key path, or the option that has set the key."""
+    """Return the beginning of a message: file and key path, or the option that has set the key."""
     path = _NAME.sub("", key)
     for (of, place), option in _SAID.items():
         if of == file and (path + ".").startswith(place + "."):
@@ -121,7 +121,7 @@ def input_error(file: str, key: str, found: str, allowed: str) -> InputError:
 
 
 def kind(value: object) -> str:
-    """What sort of value it is, in the words of a scene file."""
+    """Return the sort of a value in the words of a scene file."""
     return next(
         (name for cls, name in KINDS if isinstance(value, cls)), f"a value of type {type(value).__name__}"
     )

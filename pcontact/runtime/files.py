@@ -1,4 +1,4 @@
-"""Where all files are written: aside and put in place at once. What cannot be written is an output error.
+"""Writing of all files: aside and put in place at once. What cannot be written is an output error.
 
 Whatever happens, a reader finds the file of before or the new one, whole. Nothing here is collective: what one rank
 writes for all goes through :func:`pcontact.runtime.parallel.on_root` or ``together``, so that all ranks learn of it.
@@ -108,7 +108,7 @@ def _count(size, block):
 
 
 def reason(error):
-    """What the system says of a failure, in lower case."""
+    """Return what the system says of a failure, in lower case."""
     return (error.strerror or str(error)).lower()
 
 
@@ -353,7 +353,7 @@ class Hdf5Aside:
 
     @property
     def failed(self):
-        """Whether something could not be written."""
+        """Return whether something could not be written."""
         return self._disk.failure is not None
 
     def place(self):
@@ -402,7 +402,7 @@ class _Disk(io.RawIOBase):
         return len(view)
 
     def readinto(self, buffer):
-        """What is not there reads as zeros, as far as HDF5 has written."""
+        """Read; what is not there reads as zeros, as far as HDF5 has written."""
         view, start = memoryview(buffer).cast("B"), self._stream.tell()
         count = self._stream.readinto(view) or 0
         more = max(min(len(view), self._size - start) - count, 0)

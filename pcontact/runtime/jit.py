@@ -112,7 +112,7 @@ class _Kernel(CPUDispatcher):
 
     @cached_property
     def _cache(self):
-        """Where it is kept: of several hundred kernels a run calls a few dozen."""
+        """Cache that keeps it: of several hundred kernels a run calls a few dozen."""
         return cache_of(self.py_func)
 
     def compile(self, sig):
@@ -140,13 +140,13 @@ class _Counted(_Kernel):
         return part
 
     def get_call_template(self, args, kws):
-        """What numba asks of a call in a kernel: types."""
+        """Tell numba the types of a call in a kernel."""
         if not self._apart:
             return super().get_call_template(args, kws)
         return self._part.get_call_template([_plain(one) for one in args], {k: _plain(v) for k, v in kws.items()})
 
     def get_overload(self, sig):
-        """What numba asks of a call in a kernel: code."""
+        """Give numba the code of a call in a kernel."""
         return self._part.get_overload(sig) if self._apart else super().get_overload(sig)
 
 

@@ -58,7 +58,7 @@ def folder():
 
 @cache
 def can_keep(path):
-    """Whether the directory of all kernels is there, or can be made, for this user alone."""
+    """Return whether the directory of all kernels is there, or can be made, for this user alone."""
     with suppress(OSError):
         path.mkdir(mode=0o700, parents=True, exist_ok=True)
     return path.is_dir()
@@ -108,7 +108,7 @@ def sources(path):
 
 @cache
 def _stamp(path):
-    """What kernels of a source depend on, as sixteen letters."""
+    """Return what kernels of a source depend on, as sixteen letters."""
     parts = numba.__version__, sys.version_info[:3], path.read_bytes(), sorted(sources(path).items())
     return hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
 
@@ -166,7 +166,7 @@ class _Kept(CompileResultCacheImpl):
 
 
 class _KeptPart(_Kept):
-    """What kernels call, which lies beside a kernel of the same name that Python calls."""
+    """Part that kernels call, which lies beside a kernel of the same name that Python calls."""
 
     def get_filename_base(self, fullname, abiflags):
         return f"{super().get_filename_base(fullname, abiflags)}-part"

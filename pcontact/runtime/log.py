@@ -1,4 +1,4 @@
-"""What the program says: log lines, the one-line error, and progress.
+"""Messages of the program: log lines, the one-line error, and progress.
 
 All lines go through one logger, ``logging.getLogger("pcontact")``. The rank is passed in, so that this module
 knows nothing of MPI: rank 0 speaks, the others are silent unless asked.
@@ -74,7 +74,7 @@ def _painted(text, colour):
 
 
 def _coloured(stream):
-    """Whether lines have colours: on a terminal, unless the user wants none (https://no-color.org)."""
+    """Return whether lines have colours: on a terminal, unless the user wants none (https://no-color.org)."""
     return process.is_terminal(stream) and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
 
 
@@ -264,7 +264,7 @@ def finish():
 
 
 class Progress:
-    """How far a run has come: a bar on a terminal, plain log lines in a file. A context manager.
+    """Progress of a run: a bar on a terminal, plain log lines in a file. A context manager.
 
     Parameters
     ----------

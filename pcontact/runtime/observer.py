@@ -1,4 +1,4 @@
-"""What wants to know of a run, from load step to load step."""
+"""Observers of a run, from load step to load step."""
 
 
 class Observer:

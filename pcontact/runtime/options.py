@@ -40,7 +40,7 @@ class Options:
         self.known, self.entered, self._warned, self.told = {}, [], set(), {}
 
     def given(self, name):
-        """Whether the user set the option."""
+        """Return whether the user set the option."""
         return self._said(name) is not None
 
     def _said(self, name):
@@ -129,7 +129,7 @@ class Options:
         self.propose(values)
 
     def fault(self, error):
-        """What PETSc's complaint about an option is to the user.
+        """Return PETSc's complaint about an option as the user's error.
 
         Parameters
         ----------
@@ -149,7 +149,7 @@ class Options:
         return InputError(f"PETSc options: found {found}; allowed: what -help lists")
 
     def unsolved(self, error, comm):
-        """What the user hears where PETSc could not go on with a linear system.
+        """Return what the user hears where PETSc could not go on with a linear system.
 
         Parameters
         ----------
@@ -240,7 +240,7 @@ class Options:
 
 
 def _told(error):
-    """Where PETSc ended, and what it says there."""
+    """Return the place where PETSc ended, and what it says there."""
     lines = [re.sub(r"^\[\d+\] *", "", line) for line in str(error).strip().splitlines()]
     places = [found[1] for line in lines if (found := re.match(r"(\w+)\(\) at ", line))]
     return (places or [f"error {error.ierr}"])[-1], "" if lines[-1].startswith("error code") else lines[-1].rstrip(". ")

@@ -190,7 +190,7 @@ class Exchanger:
         return np.concatenate([rows[:0], *heard.values()])
 
     def ask(self, homes, rows, answer):
-        """What other ranks say of rows, in the order of these. *Collective.*
+        """Return what other ranks say of rows, in the order of these. *Collective.*
 
         Parameters
         ----------

@@ -96,12 +96,12 @@ MOST_UNKNOWNS = {2: 400_000, 3: 60_000}
 
 
 def can_factorise(ranks, dim, unknowns):
-    """Whether a system of so many unknowns may be factorised unasked: PETSc has factors of its own on one rank only."""
+    """Tell whether a system of this size may be factorised unasked: PETSc has factors of its own on one rank only."""
     return (ranks == 1 or has_package("mumps")) and unknowns <= MOST_UNKNOWNS[dim]
 
 
 def has_package(name):
-    """Whether this PETSc was built with an external package.
+    """Return whether this PETSc was built with an external package.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ def _argument(value):
 
 
 def _storage(matrix):
-    """What PETSc's functions call the storage of a matrix."""
+    """Return what PETSc's functions call the storage of a matrix."""
     return "BAIJ" if matrix.getType().endswith("baij") else "AIJ"
 
 
@@ -339,7 +339,7 @@ def graph_of_blocks(matrix):
 
 
 def keep_preconditioner(snes, keep):
-    """Whether the linear solves of SNES keep their preconditioner. To be called while the Jacobian is computed.
+    """Return whether the linear solves of SNES keep their preconditioner. To be called while the Jacobian is computed.
 
     Parameters
     ----------
@@ -466,7 +466,7 @@ def unknown_options(names):
 
 @cache
 def _is_text_of_petsc(name):
-    """Whether the name of an option is a text in PETSc's library, which is megabytes to look through."""
+    """Return whether the name of an option is a text in PETSc's library, which is megabytes to look through."""
     library, parts = _library(), name.split("_")
     for k in range(len(parts)):
         rest = "_".join(parts[k:])
@@ -480,7 +480,7 @@ def _is_text_of_petsc(name):
 
 
 def option_used(name):
-    """Whether anything asked the options database for an option."""
+    """Return whether anything asked the options database for an option."""
     used = ctypes.c_int(0)
     call("PetscOptionsUsed", None, name.encode(), ctypes.byref(used))
     return bool(used.value)

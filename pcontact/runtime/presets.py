@@ -7,7 +7,7 @@ DIRECT = ("lu", "cholesky")
 
 @dataclass(frozen=True)
 class Preset:
-    """What a word stands for.
+    """Values that a word stands for.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ PRESETS = {
 
 
 class Choice:
-    """What a preset chose in a run, and what it left to the user's own words.
+    """Values that a preset chose in a run, and those that it left to the user's own words.
 
     Attributes
     ----------
@@ -103,7 +103,7 @@ class Choice:
         return {"preset": self.name, "chosen": self.chosen, "overridden": self.overridden}
 
     def lines(self):
-        """What is said to the user: nothing without a preset."""
+        """Lines said to the user: none without a preset."""
         if self.name is None:
             return []
         words = [f"{name} {_word(value)}" for name, value in self.chosen.items()]

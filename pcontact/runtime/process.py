@@ -72,7 +72,7 @@ def put(stream, text):
 
 
 def is_terminal(stream):
-    """Whether somebody may be looking at it; on a rank of Open MPI, at that of mpirun."""
+    """Return whether somebody may be looking at it; on a rank of Open MPI, at that of mpirun."""
     try:
         if not stream.isatty():
             return False
@@ -85,8 +85,9 @@ def is_terminal(stream):
 
 
 def _seen(number):
-    """Whether what is written to a terminal gets to one: Open MPI gives a rank one of its own, and passes on, to a file
-    or through ssh, what comes there. The process that has its other end is among those that this one descends from."""
+    """Tell whether what is written to a terminal gets to one: Open MPI gives a rank one of its own, and passes on,
+    to a file or through ssh, what comes there. The process that has its other end is among those that this one
+    descends from."""
     process = os.getppid()
     mine = f"tty-index:\t{os.minor(os.fstat(number).st_rdev)}\n"
     while process > 1:
@@ -104,7 +105,7 @@ def _seen(number):
 
 
 def _text(path):
-    """What a file of /proc says; nothing if it has gone."""
+    """Read a file of /proc; nothing if it has gone."""
     try:
         return path.read_text()
     except OSError:
@@ -195,7 +196,7 @@ def stopping(speaks):
 
 
 class _State:
-    """Whether this process is another program's, which has a command line of its own."""
+    """State of this process: another program's, which has a command line of its own."""
 
     library = False
 
@@ -206,7 +207,7 @@ def as_library():
 
 
 def is_library():
-    """Whether :func:`as_library` was called."""
+    """Return whether :func:`as_library` was called."""
     return _State.library
 
 
@@ -228,8 +229,8 @@ def petsc_words():
 
 
 def is_first():
-    """Whether this process is the first one of those that MPI has started together, by what it says of it before it is
-    loaded; True for one that nobody has."""
+    """Tell whether this process is the first one of those that MPI has started together, by what it says of it before
+    it is loaded; True for one that nobody has."""
     return next((os.environ[name] for name in _RANKS if name in os.environ), "0") == "0"
 
 

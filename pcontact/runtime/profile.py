@@ -1,4 +1,4 @@
-"""Where time, messages and memory go: PETSc's log stages and events, and the same phases for the report.
+"""Time, messages and memory of phases: PETSc's log stages and events, and the same phases for the report.
 
     with phase("search"):
         ...
@@ -89,7 +89,7 @@ def forget_peak():
 
 
 class Profile:
-    """What the phases of a run cost on this rank.
+    """Costs of the phases of a run on this rank.
 
     Attributes
     ----------

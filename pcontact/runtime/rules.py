@@ -1,4 +1,4 @@
-"""What values are allowed: a rule refuses a value or returns it as the program wants it, and says the same as a schema.
+"""Rules of allowed values: a rule refuses a value or returns it as the program wants it, and says the same as a schema.
 
 Numbers become float, lists tuples. Scene keys (`pcontact.scene.keys`) and options (`pcontact.runtime.declared`) name
 the rules of their values.
@@ -10,14 +10,14 @@ import os
 from collections.abc import Callable
 from typing import NamedTuple
 
-from pcontact.runtime.errors import CONTROL, input_error, kind, shown
+from pcontact.runtime.errors import CONTROL, input_error, shown
 
 # sizes of numbers between which squares and products of several of them neither overflow nor lose digits
 TINY, HUGE = 1e-60, 1e60
 
 
 class Rule(NamedTuple):
-    """What is allowed.
+    """Rule of what is allowed.
 
     Attributes
     ----------
@@ -204,7 +204,7 @@ def text(allowed: str = "a string that is not empty", check: Callable = _text, p
 
 
 def is_number(word: str) -> bool:
-    """Whether a word is a number."""
+    """Return whether a word is a number."""
     try:
         float(word)
     except ValueError:
@@ -222,7 +222,7 @@ def _option_text(value):
         return repr(value)
     if isinstance(value, list | tuple):
         return ",".join(_option_text(entry) for entry in value)
-    raise ValueError("" if isinstance(value, float) else kind(value))
+    raise ValueError
 
 
 POSITIVE = number(above=0)

@@ -1,1 +1,1 @@
-"""What the user describes: dataclasses, the TOML reader and the checks. Neither PETSc nor MPI."""
+"""Scene as the user describes it: dataclasses, the TOML reader and the checks. Neither PETSc nor MPI."""

@@ -1,4 +1,4 @@
-"""How a prescribed value grows with time."""
+"""Growth of prescribed values with time."""
 
 from dataclasses import dataclass
 
@@ -71,7 +71,7 @@ def amplitude(table, end):
 
 
 def timed(one):
-    """Whether a table has expressions of the time."""
+    """Return whether a table has expressions of the time."""
     return any("t" in names(getattr(one, key)) for key in MULTIPLIED[type(one)])
 
 
@@ -97,7 +97,7 @@ def corners(scene):
 
 
 def drive(scene, places):
-    """What moves or loads the bodies of a scene.
+    """Return what moves or loads the bodies of a scene.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What a scene switches on and what it leaves out, in words.
+"""Description of what a scene switches on and leaves out, in words.
 
 What a scene says of the physics, as a table that a checkpoint keeps, and where two of them differ.
 
@@ -72,7 +72,7 @@ def _listed(names):
 
 
 def _axes(material):
-    """Where the axes of an orthotropic material are."""
+    """Describe the axes of an orthotropic material."""
     first = " ".join(f"{value:.4g}" for value in material.frame[0])
     around = "" if material.point is None else f" of radius, hoop and axis around {list(material.point)}"
     return f"axis 1 along {first}{around}"
@@ -109,7 +109,7 @@ _FEATURES = (
 def describe(
     scene: Scene, dim: int | None = None, averaged: Sequence[str] = ()
 ) -> tuple[list[str], list[str]]:
-    """What is modelled and what is left out.
+    """Describe what is modelled and what is left out.
 
     Parameters
     ----------
@@ -286,7 +286,7 @@ def physics_so_far(scenes: list[Scene]) -> dict[str, dict[str, object]]:
 
 
 def _acts(table):
-    """Whether there is anything that an amplitude multiplies: supports that stand still have none to compare."""
+    """Return whether there is anything that an amplitude multiplies: supports that stand still have none to compare."""
     if isinstance(table, Temperature) and table.file is not None:
         return True
     values = [getattr(table, key) for key in MULTIPLIED.get(type(table), ())]
@@ -319,7 +319,7 @@ def _text(scene, reference):
 
 
 def differences(then: dict, now: dict, time: float) -> list[tuple[str, str, str]]:
-    """Where the physics of a scene is not that of a checkpoint.
+    """Return the points in which the physics of a scene is not that of a checkpoint.
 
     Parameters
     ----------
@@ -355,7 +355,7 @@ def _shown(value):
 
 
 def _same_so_far(new, old, time):
-    """Whether two amplitudes (rows of time, factor) are the same up to a time: they are linear between their rows."""
+    """Tell whether two amplitudes (rows of time, factor) are the same up to a time: they are linear between rows."""
     new, old = (Amplitude(*np.array(rows, dtype=np.float64).T) for rows in (new, old))
     times = np.concatenate([new.times, old.times, [0.0, time]])
     times = times[times <= time]

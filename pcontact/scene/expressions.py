@@ -425,7 +425,7 @@ class Watched:
 
 
 def _stop(error):
-    """What ended the user's code, and in which of its lines."""
+    """Return what ended the user's code, and in which of its lines."""
     frames = [frame for frame in traceback.extract_tb(error.__traceback__) if frame.filename != __file__]
     line = f" in line {frames[-1].lineno} of {Path(frames[-1].filename).name}" if frames else ""
     return f"{type(error).__name__}{f': {error}' if str(error) else ''}{line}"

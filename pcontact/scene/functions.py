@@ -152,7 +152,7 @@ class Prescribed:
         self.varies, self.timed = bool(self._expressions), "t" in names(value)
 
     def has(self, entry: int) -> bool:
-        """Whether an entry is an expression."""
+        """Return whether an entry is an expression."""
         return entry in self._expressions
 
     def __call__(self, x: np.ndarray, time: float) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""What a key of a scene file is: declared once, in the dataclass of its table.
+"""Keys of a scene file: declared once, in the dataclass of its table.
 
 From a declaration follow the default, the check of the value (`pcontact.scene.validate`), the option of the command
 line that replaces it (`pcontact.build`), the JSON Schema (`pcontact.scene.schema`), the docstring of the table and the
@@ -83,18 +83,18 @@ class Key:
 
     @property
     def per_direction(self) -> bool:
-        """Whether its values have an entry for each direction of the mesh."""
+        """Return whether its values have an entry for each direction of the mesh."""
         schema = self.rule.schema
         return any(one.get("minItems") == 2 and one.get("maxItems") == 3 for one in schema.get("anyOf", [schema]))
 
     @property
     def per_turn(self) -> bool:
-        """Whether it is a number in the plane, and a list of three in space."""
+        """Return whether it is a number in the plane, and a list of three in space."""
         return self.rule.allowed in (MOMENT.allowed, ROTATION.allowed, INERTIA.allowed)
 
     @property
     def varies(self) -> bool:
-        """Whether its values may be expressions of place and time."""
+        """Return whether its values may be expressions of place and time."""
         return ALLOWED in self.rule.allowed
 
     @property
@@ -125,7 +125,7 @@ def keys(cls: type) -> dict[str, Key]:
 
 
 def options(cls: type) -> dict[str, Option]:
-    """By key, the options of the command line that replace keys of a table."""
+    """Return by key the options of the command line that replace keys of a table."""
     return {
         name: Option(one.option, one.said or one.rule, one.help, section="scene", checked=not one.resolved, key=name)
         for name, one in keys(cls).items() if one.option
@@ -161,13 +161,13 @@ _CONDITION = re.compile(r"(?:\[+(\w+)\]+)? ?(?:(\w+)(?: = (.+))?)?")
 
 
 def is_set(one: object, name: str) -> bool:
-    """Whether a key of a table has another value than it has where nobody says it; false is no value."""
+    """Return whether a key of a table has another value than it has where nobody says it; false is no value."""
     value, declared = getattr(one, name), keys(type(one)).get(name)
     return value is not None and value is not False and (declared is None or value != declared.default)
 
 
 def holds(words: str, one: object, scene: object) -> bool:
-    """Whether a condition on the keys of a table holds."""
+    """Return whether a condition on the keys of a table holds."""
     for condition in words.split(" | "):
         other, name, literal = _CONDITION.fullmatch(condition).groups()
         table = one if other is None else getattr(scene, other)
@@ -332,7 +332,7 @@ def _check_ogden(rows):
 
 
 def _or_list(allowed, single, several):
-    """What one rule accepts, or of lists another one."""
+    """Return a rule for what one rule accepts, or of lists another one."""
     return Rule(
         allowed, lambda value: (several if isinstance(value, list | tuple) else single).accept(value),
         {"anyOf": [single.schema, several.schema]},
@@ -340,7 +340,7 @@ def _or_list(allowed, single, several):
 
 
 def _or_expression(rule, words=()):
-    """What a rule accepts, the text of an expression, or from Python a function; `words` are for the rule."""
+    """Return a rule for another, an expression, or from Python a function; `words` are for the rule."""
 
     def accept(value):
         if isinstance(value, Called):

@@ -255,7 +255,7 @@ class Material:
 
     @property
     def orthotropic(self) -> bool:
-        """Whether it has constants of its own along three axes."""
+        """Return whether it has constants of its own along three axes."""
         return isinstance(self.E, list | tuple)
 
     @property
@@ -273,17 +273,17 @@ class Material:
 
     @property
     def plastic(self) -> bool:
-        """Whether it may yield."""
+        """Return whether it may yield."""
         return self.yield_stress is not None or self.hardening_curve is not None
 
     @property
     def added(self) -> bool:
-        """Whether its law is one that a program has added."""
+        """Return whether its law is one that a program has added."""
         return self.law not in ("hencky", *RUBBER)
 
     @property
     def multiplicative(self) -> bool:
-        """Whether finite elastic and plastic strain are split multiplicatively."""
+        """Return whether finite elastic and plastic strain are split multiplicatively."""
         return self.split == "multiplicative" if self.split is not None else self.kinematic_hardening == 0.0
 
     @property
@@ -425,12 +425,12 @@ class Obstacle:
 
     @property
     def turns(self) -> bool:
-        """Whether it turns."""
+        """Return whether it turns."""
         return bool(self.angle)
 
     @property
     def moves(self) -> bool:
-        """Whether it is displaced or turns."""
+        """Return whether it is displaced or turns."""
         return self.turns or (self.displacement is not None and any(self.displacement))
 
 
@@ -616,7 +616,7 @@ class Contact:
 
     @property
     def meets_itself(self) -> bool:
-        """Whether a body is its own partner."""
+        """Return whether a body is its own partner."""
         return bool(self.self_contact if self.all or self.self_contact is not None else self.target == self.source)
 
 
@@ -653,7 +653,7 @@ class Displacement:
 
     @property
     def turns(self) -> bool:
-        """Whether it turns what it holds."""
+        """Return whether it turns what it holds."""
         return bool(self.angle)
 
 
@@ -721,7 +721,7 @@ class Load:
 
     @property
     def total(self) -> bool:
-        """Whether its resultant is given."""
+        """Return whether its resultant is given."""
         return self.force is not None or self.moment is not None
 
     @property
@@ -1101,7 +1101,7 @@ class Scene:
 
     @property
     def where(self) -> str:
-        """What messages call the scene: its file, or "scene"."""
+        """Name of the scene in messages: its file, or "scene"."""
         return "scene" if self.path is None else str(self.path)
 
     @property
@@ -1121,15 +1121,15 @@ class Scene:
         return _own(self)
 
     def finite(self, body: Body) -> bool:
-        """Whether a body has finite strain."""
+        """Return whether a body has finite strain."""
         return (self.mesh.strain if body.strain is None else body.strain) == "finite"
 
     def lower(self, body: Body) -> bool:
-        """Whether the displacement of a body has a lower degree than that of the mesh."""
+        """Return whether the displacement of a body has a lower degree than that of the mesh."""
         return body.order is not None and body.order < (self.mesh.order or 1)
 
     def yields(self, body: Body) -> bool:
-        """Whether a body may yield, or has a law that a program has added."""
+        """Return whether a body may yield, or has a law that a program has added."""
         return self.materials[body.material].plastic or self.materials[body.material].added
 
     @property
@@ -1148,11 +1148,11 @@ class Scene:
         return self.plastic or self.frictional
 
     def locks(self, body: Body) -> bool:
-        """Whether cells are too stiff in a body: Poisson's ratio is near 0.5, and not in plane stress."""
+        """Return whether cells are too stiff in a body: Poisson's ratio is near 0.5, and not in plane stress."""
         return self.mesh.kinematics != "plane_stress" and self.materials[body.material].poisson > LOCKING
 
     def averages(self, body: Body, simplices: bool = False) -> bool:
-        """Whether a body's quadrilaterals and hexahedra, or its triangles and tetrahedra, take their mean dilatation.
+        """Tell whether a body's quadrilaterals and hexahedra, or triangles and tetrahedra, take the mean dilatation.
 
         Triangles and tetrahedra of degree 1 cannot: their dilatation is constant as it is.
         """

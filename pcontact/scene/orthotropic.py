@@ -1,4 +1,4 @@
-"""What constants of orthotropic materials have to satisfy, and their axes.
+"""Conditions on the constants of orthotropic materials, and their axes.
 
 With nu_ij = -eps_jj / eps_ii under a stress along i, the energy is positive where
 
@@ -27,7 +27,7 @@ def normal_stiffness(young: Sequence[float], poisson: Sequence[float]) -> tuple[
 
 
 def indefinite(young: Sequence[float], poisson: Sequence[float]) -> tuple[str, str] | None:
-    """What was found and what is allowed where the energy of some strain is not positive; None where it always is."""
+    """Return what was found and is allowed where the energy of some strain is not positive; None where it always is."""
     for nu, (i, j) in zip(poisson, PAIRS, strict=True):
         most = math.sqrt(young[i] / young[j])
         if abs(nu) >= most:
@@ -51,14 +51,14 @@ def equivalent_poisson(young: Sequence[float], poisson: Sequence[float], shear: 
 
 
 def parallel(first: Sequence[float], second: Sequence[float]) -> bool:
-    """Whether two vectors span no plane."""
+    """Return whether two vectors span no plane."""
     (a, b, c), (x, y, z) = first, second
     across = math.hypot(b * z - c * y, c * x - a * z, a * y - b * x)
     return across <= PARALLEL * math.hypot(a, b, c) * math.hypot(x, y, z)
 
 
 def across_plane(first: Sequence[float], second: Sequence[float]) -> bool:
-    """Whether one of the axes along one vector, in the plane of both, and square to both is the third direction."""
+    """Tell whether of axes along one vector, in the plane of both, and square to both, one is the third direction."""
     length = math.hypot(*first)
     one = [value / length for value in first]
     along = sum(x * y for x, y in zip(one, second, strict=True))

@@ -52,12 +52,12 @@ def phase_at(scene: Scene, time: float) -> int:
 
 
 def acts(one: object, name: str) -> bool:
-    """Whether something acts in a phase."""
+    """Return whether something acts in a phase."""
     return one.phases is None or name in one.phases
 
 
 def moves(scene: Scene, number: int) -> bool:
-    """Whether bodies have inertia in a phase."""
+    """Return whether bodies have inertia in a phase."""
     return scene.dynamics is not None and acts(scene.dynamics, scene.phases[number].name)
 
 
@@ -142,7 +142,7 @@ def left(scene: Scene, missing: set[str]) -> Scene:
 
 
 def come_and_go(scene: Scene) -> bool:
-    """Whether bodies are there in some phases only."""
+    """Return whether bodies are there in some phases only."""
     return any(body.phases is not None for body in scene.bodies)
 
 

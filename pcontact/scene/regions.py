@@ -72,7 +72,7 @@ def _of_dimension(scene, table, dim):
 
 
 def _one_in_space(value, declared, dim):
-    """What is wrong with a direction that is missing in space, or is there in the plane."""
+    """Return what is wrong with a direction that is missing in space, or is there in the plane."""
     found = "nothing" if value is None else f"{list(value)} with a 2D mesh"
     return found, declared.rule.allowed if dim == 3 else "nothing, it is known in the plane"
 

@@ -108,7 +108,7 @@ class Target:
 
     @property
     def best(self) -> bool:
-        """Whether it is the least error that the budget allows; `error` is 0 then."""
+        """Return whether it is the least error that the budget allows; `error` is 0 then."""
         return self.error == 0.0
 
     @property

@@ -222,7 +222,7 @@ def _check_values(scene):
 
 
 def _scene(scene) -> Found:
-    """What all other checks take for granted: the mesh is there, bodies have materials; degrees, names of phases."""
+    """Check what other checks take for granted: the mesh is there, bodies have materials; degrees, names of phases."""
     yield from _missing(scene, "mesh.file", scene.mesh.file, "a mesh file")
     if not scene.bodies:
         yield "bodies", "no body", "at least one [[bodies]] with region and material"
@@ -312,7 +312,7 @@ def _motion(scene) -> Found:
 
 
 def _phases(scene) -> Found:
-    """What acts in some phases only; bodies that come and go: some is there in each phase."""
+    """Check what acts in some phases only; bodies that come and go: some is there in each phase."""
     last = len(scene.phases) - 1
     for key in PHASED:
         for index, one in enumerate(getattr(scene, key)):
@@ -339,7 +339,7 @@ def _phases(scene) -> Found:
 
 
 def _phase(scene, phase) -> Found:
-    """What a phase says of a contact is about one that acts, and has the law that changes."""
+    """Check that what a phase says of a contact is about one that acts, and has the law that changes."""
     contacts, number = {one.name: one for one in scene.contacts}, scene.phases.index(phase)
     for key in ("friction", "tied"):
         for name in getattr(phase, key) or ():
@@ -360,7 +360,7 @@ def _phase(scene, phase) -> Found:
 
 
 def _unestimated(scene):
-    """What a scene has that the estimate of the error does not know, by its places."""
+    """Return the places of what the estimate of the error does not know."""
     strange = [place("loads", k, one.region) + ".at" for k, one in enumerate(scene.loads) if one.at is not None]
     for key in ("pretensions", "equations", "periodic"):
         strange += [place(key, k, one.region) for k, one in enumerate(getattr(scene, key))]
@@ -383,7 +383,7 @@ def _output(scene, output) -> Found:
 
 
 def known_names(scene: Scene) -> dict[str, list[str]]:
-    """By quantity, the names that it may be of."""
+    """Return by quantity the names that it may be of."""
     contacts = [contact.name for contact in scene.contacts]
     return {"force": contacts, "pressure": contacts, "support": [one.region for one in scene.displacements],
             "displacement": list(scene.output.probes)}  # fmt: skip

@@ -62,7 +62,7 @@ def tables_of(scene: Scene, folder: str | Path) -> list[tuple[str, dict, str]]:
 
 
 def _same(value, default):
-    """Whether a key has its default, or None, which is no value of a file."""
+    """Return whether a key has its default, or None, which is no value of a file."""
     return value is None or (type(value) is type(default) and value == default)
 
 

@@ -111,7 +111,7 @@ class Constraint:
         return False
 
     def hold(self, modes):
-        """What rigid motions (n_modes, n_local, d) of the bodies do that is prescribed, on rank 0, see
+        """Return what rigid motions (n_modes, n_local, d) of the bodies do that is prescribed, on rank 0, see
         :func:`pcontact.space.modes.free_motions`. *Collective.*"""
         return np.zeros((self._space.mesh.n_components, len(modes), len(modes)))
 
@@ -206,7 +206,7 @@ class PretensionSection(Constraint):
         return self.vector, self._amplitude
 
     def _conflict(self, points, held, where):
-        """What is wrong with the two sides, or None."""
+        """Return what is wrong with the two sides, or None."""
         extent = float(np.ptp(points[0], axis=0).max())
         if points[0].shape != points[1].shape or np.abs(points[0] - points[1]).max() > PAIR_DISTANCE * extent:
             return f"{where[0]}: {where[1]}.region: found a section without pairs of nodes; allowed: facets in a body"
@@ -241,7 +241,7 @@ class PretensionSection(Constraint):
         return -apart / self.normal[self._axis]
 
     def given(self, u, time):
-        """What is given of the components of the upper side, in a displacement (n_owned, d). *Collective.*"""
+        """Return what is given of the components of the upper side, in a displacement (n_owned, d). *Collective.*"""
         if self.free:
             return 0.0
         kept = self._shortened(u) if self._locked else self._amplitude.factor(time) * self._shortening
@@ -368,7 +368,7 @@ class RigidGroup(Constraint):
         self._set(at, np.repeat(np.arange(len(at)), m), np.tile(self.leading, len(at)), following)
 
     def _conflict(self, coupling, fixed, where):
-        """What is wrong with the group on this rank, or None."""
+        """Return what is wrong with the group on this rank, or None."""
         held = fixed[self.nodes].any(axis=1) & ~self._space.on_axis()[self.nodes]
         if not held.any():
             return None
@@ -451,7 +451,7 @@ class RigidGroup(Constraint):
         return way.T @ (masses[self.free, None] * way)
 
     def hold(self, modes):
-        """What rigid motions (n_modes, n_local, d) of the bodies do that is prescribed, on rank 0, see
+        """Return what rigid motions (n_modes, n_local, d) of the bodies do that is prescribed, on rank 0, see
         :func:`pcontact.space.modes.free_motions`. *Collective.*
         """
         space = self._space
@@ -706,12 +706,12 @@ class Equations(Constraint):
         return set().union(*space.comm.allgather(set(set_.tolist())))
 
     def given(self, u, time):
-        """What is given of components that follow, at a time."""
+        """Return what is given of components that follow, at a time."""
         return sum((self._given[number](time) * shift for number, shift in self._shifts.items()), 0.0)
 
     def hold(self, modes):
-        """What rigid motions (n_modes, n_local, d) of bodies violate equations between nodes of one body, on rank 0.
-        *Collective.*"""
+        """Return what rigid motions (n_modes, n_local, d) of bodies violate equations between nodes of one body, on
+        rank 0. *Collective.*"""
         space, d = self._space, self._space.dim
         local = {int(number): k for k, number in zip(space.owned_local, space.nodes[space.owned_local], strict=True)}
         values = np.zeros((len(self._rows), len(modes)))

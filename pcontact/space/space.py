@@ -37,12 +37,12 @@ class Kept:
         self.room, self._made, self._asked, self._at_once = room, {}, set(), at_once
 
     def get(self, key):
-        """What is kept under a key, or None."""
+        """Return what is kept under a key, or None."""
         return self._made.get(key)
 
     def __call__(self, key, make):
-        """What ``make()`` gives, a tuple of arrays and of what is no array. It is kept when it is asked for again, or
-        at once, and made anew where there is no room for it."""
+        """Return what ``make()`` gives, a tuple of arrays and of what is no array. It is kept when it is asked for
+        again, or at once, and made anew where there is no room for it."""
         found = self._made.get(key)
         if found is not None:
             return found
@@ -185,11 +185,11 @@ class Space:
         return self.numbering.n_total * self.dim
 
     def averages(self, block):
-        """Whether the cells of a block take their mean dilatation."""
+        """Return whether the cells of a block take their mean dilatation."""
         return block.body in self._averaged[CELLS[block.cell].is_simplex]
 
     def reduces(self, block):
-        """Whether the cells of a block have reduced integration."""
+        """Return whether the cells of a block have reduced integration."""
         return block.body in self._reduced and CELLS[block.cell].complete is not None and CELLS[block.cell].is_tensor
 
     def degree_of(self, block):

@@ -113,7 +113,7 @@ class Supports:
         return None
 
     def _moves(self, number, nodes):
-        """Whether a displacement with expressions moves nodes in direction 0."""
+        """Return whether a displacement with expressions moves nodes in direction 0."""
         return any(self._value(number, time, nodes)[:, 0].any() for time in self._times(number))
 
     def _times(self, *numbers):
@@ -124,7 +124,7 @@ class Supports:
         return np.concatenate([times, 0.5 * (times[1:] + times[:-1])])
 
     def _said(self, number, axis):
-        """What a displacement prescribes in a direction, in words."""
+        """Return what a displacement prescribes in a direction, in words."""
         one = self._displacements[number]
         value = one.value[axis]
         said = f"{value!r}" if isinstance(value, str) else f"{value:g}"
@@ -139,7 +139,7 @@ class Supports:
         return bool(np.any(a != b))
 
     def _part(self, first, second, axis, nodes):
-        """Whether two displacements, of which one turns or varies, differ at nodes that both prescribe."""
+        """Return whether two displacements, of which one turns or varies, differ at nodes that both prescribe."""
         for time in self._times(first, second):
             a, b = (self._value(k, time, nodes)[:, axis] for k in (first, second))
             arms = [np.linalg.norm(self._points[nodes] - self.turns[k].point, axis=1)
@@ -152,7 +152,7 @@ class Supports:
         return False
 
     def _value(self, number, time, nodes):
-        """What a displacement wants of nodes (n,): (n, d) [length]."""
+        """Return what a displacement wants of nodes (n,): (n, d) [length]."""
         factor, turn = self._amplitudes[number].factor(time), self.turns.get(number)
         turned = 0.0 if turn is None else turn.displacement(self._points[nodes], factor)
         varying = self._varying.get(number)

@@ -85,7 +85,7 @@ def fit(points, camera, shape, margin=0.05):
 
 @dataclass
 class Patch:
-    """Where the bodies touch.
+    """Patch on which the bodies touch.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ class Patch:
 
 
 def deformation_scale(result):
-    """How much to enlarge displacements: not at all if they are seen as they are.
+    """Return the factor that enlarges displacements: not at all if they are seen as they are.
 
     Nor where bodies of different shape touch: with the gap between them left as it is, enlarged displacements would
     push one into the other. Surfaces that fit each other everywhere have gaps no larger than the displacements.

@@ -1,4 +1,4 @@
-"""What is drawn of cells: segments, edges and middles of facets, as arrays."""
+"""Drawing of cells: segments, edges and middles of facets, as arrays."""
 
 import numpy as np
 

@@ -24,7 +24,7 @@ _KINDS = ("#d8dde2", "#2a9d8f", "#e76f51", "#457b9d", "#e9c46a", "#8e6c8a", "#81
 
 @dataclass
 class ColourScale:
-    """What colour a number has.
+    """Scale of colours for numbers.
 
     Parameters
     ----------

@@ -204,7 +204,7 @@ def touching(stage):
 
 
 def is_curved(stage):
-    """Whether a surface of plane bodies is longer than its chord where it is under pressure, so that it is unrolled."""
+    """Tell whether a surface of plane bodies under pressure is longer than its chord, so that it is unrolled."""
     if stage.solid:
         return False
     points = touching(stage)

@@ -250,7 +250,7 @@ def _scene(stages, look):
 
 
 def embedded(render_window):
-    """What a window shows as a scene for vtk.js, a packed archive.
+    """Return what a window shows as a scene for vtk.js, a packed archive.
 
     Parameters
     ----------

@@ -27,7 +27,7 @@ _PATIENCE = 120.0  # [s] the first import of VTK from a slow disk
 
 
 def missing(modules=MODULES):
-    """Which of some modules cannot be imported."""
+    """Return those of some modules that cannot be imported."""
     return [name for name in modules if find_spec(name) is None]
 
 
@@ -70,7 +70,7 @@ def install(modules=MODULES):
 
 
 def _lost(modules):
-    """Which modules are missing, for messages."""
+    """Return the modules that are missing, for messages."""
     return f"pcontact view: found no Python package {', '.join(missing(modules))}"
 
 
@@ -82,7 +82,7 @@ def _command():
 
 
 def _agreed(question):
-    """Whether somebody at a terminal says yes."""
+    """Return whether somebody at a terminal says yes."""
     if not (process.is_terminal(sys.stdin) and process.is_terminal(sys.stderr)):
         return False
     sys.stderr.write(f"{question} [y/N] ")
@@ -91,7 +91,7 @@ def _agreed(question):
 
 
 def _works(window):
-    """Whether VTK draws with such a window, tried in a process of its own: with a library missing it crashes."""
+    """Return whether VTK draws with such a window, tried in a process of its own: with a library missing it crashes."""
     environment = {**os.environ, _WINDOW: window} if window else {k: v for k, v in os.environ.items() if k != _WINDOW}
     try:
         done = subprocess.run([sys.executable, "-P", "-c", _PROBE], env=environment, capture_output=True, text=True,
@@ -102,7 +102,7 @@ def _works(window):
 
 
 def has_display():
-    """Whether windows can be opened: the X server that DISPLAY names answers. VTK opens no others on Linux."""
+    """Return whether windows can be opened: the X server that DISPLAY names answers. VTK opens no others on Linux."""
     if not os.environ.get("DISPLAY"):
         return False
     try:

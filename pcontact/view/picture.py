@@ -25,7 +25,7 @@ _CLOSE = 0.4  # border around the contact in a near view, in its own lengths
 
 @dataclass
 class Look:
-    """How results are looked at.
+    """Way in which results are looked at.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def picture(directory, field=None, output=None, step=-1, **look):
 
 
 def staged(result, field, look):
-    """What is to be drawn of a result: a stage for each field."""
+    """Return what is to be drawn of a result: a stage for each field."""
     if cells.dimension(result.bodies) < 2:
         raise InputError(f"{result.directory}: there are no bodies to draw")
     names = [None] if field is None else [name.strip() for name in field.split(",")]
@@ -158,7 +158,7 @@ class Stage:
 
     @property
     def views(self):
-        """What is drawn side by side."""
+        """Return what is drawn side by side."""
         if self.look.views:
             return self.look.views
         return ("whole",) if self.on_bodies else ("whole", "detail")
@@ -203,7 +203,7 @@ class Stage:
 
     @property
     def none_if_open(self):
-        """Whether facets without a positive value say nothing."""
+        """Return whether facets without a positive value say nothing."""
         return self.quantity.name in ("contact_pressure", "status")
 
 
@@ -372,7 +372,7 @@ class _Row:
                 axes.text(1.3 * x, 1.3 * y, name, color=colour, ha="center", va="center", fontsize=8)
 
     def _titles(self):
-        """What is shown, when, and what was done to it."""
+        """Return titles: what is shown, when, and what was done to it."""
         stage, height = self.stage, self.rectangle[3]
         kind = " magnitude" if self._is_magnitude() else ""
         title = (self.quantity.label + kind).capitalize()
@@ -388,7 +388,7 @@ class _Row:
         self._text(0.03, 1 - 0.095 / height**0.5, "  ·  ".join(notes), fontsize=9, color=PALE, va="center")
 
     def _is_magnitude(self):
-        """Is the quantity the length of a vector."""
+        """Return whether the quantity is the length of a vector."""
         result = self.stage.result
         data = [result.bodies.point_data, *(cloud.data for cloud in result.points.values())]
         return any(np.ndim(part.get(self.quantity.name, 0.0)) == 2 for part in data)

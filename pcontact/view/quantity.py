@@ -1,4 +1,4 @@
-"""Which numbers a picture shows: a field by its name, or by the name and one of its components."""
+"""Quantity that a picture shows: a field by its name, or by the name and one of its components."""
 
 from dataclasses import dataclass
 
@@ -47,7 +47,7 @@ class Quantity:
         return values[np.isfinite(values)]
 
     def word(self, number):
-        """What a whole number stands for.
+        """Return what a whole number stands for.
 
         Parameters
         ----------

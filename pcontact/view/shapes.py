@@ -24,7 +24,7 @@ _LAMP = (-0.35, 0.55, 0.76)  # right, up, toward the viewer
 
 @dataclass
 class Shape:
-    """What is drawn.
+    """Shape that is drawn.
 
     Parameters
     ----------
@@ -331,7 +331,7 @@ def _reduced(pixels):
 
 
 def through_glass(inside, glass):
-    """What lies between bodies, seen through them.
+    """Return what lies between bodies, seen through them.
 
     Parameters
     ----------

@@ -375,7 +375,7 @@ def test_wrong_input_is_an_exception(squares):
         pc.run(pc.read(squares, contacts={"pair": {"target": "roof"}}))
     with pytest.raises(pc.InputError, match="options: found 7"):
         pc.run(squares, options=7)
-    with pytest.raises(pc.InputError, match="options: snes_rtol: found <object"):
+    with pytest.raises(pc.InputError, match="options: snes_rtol: found a value of type object <object"):
         pc.run(squares, options={"snes_rtol": object()})
     same(right, pc.run(squares))
 

@@ -105,7 +105,7 @@ class Drawing:
         return found[:, : points.shape[1]].copy(), np.linalg.norm(found - full, axis=1)
 
     def contains(self, number, point):
-        """Whether a point (d,) of the carrier of a curve or surface is within its ends or edges."""
+        """Return whether a point (d,) of the carrier of a curve or surface is within its ends or edges."""
         full = np.zeros(3)
         full[: len(point)] = point
         return self._model.isInside(*self.entities[number], full) > 0
@@ -250,7 +250,7 @@ class _Boundary:
 
 
 def _on(drawing, numbers, points, within):
-    """By curve or surface: the points (rows) that lie on it, and how far they are from it."""
+    """Return by curve or surface the points (rows) that lie on it, and how far they are from it."""
     full = np.zeros((len(points), 3))
     full[:, : points.shape[1]] = points
     found = {}
@@ -292,7 +292,7 @@ def _chosen(drawing, found, boundary, tables, centres, within):
 
 
 class _Found(NamedTuple):
-    """What one rank finds: curves or surfaces of the facets, curves of the edges; which curves and surfaces are
+    """Findings of one rank: curves or surfaces of the facets, curves of the edges; which curves and surfaces are
     straight; number of facets that have none though all of their vertices do; rows of vertices that are on nothing, how
     far the first of them is from the geometry, and how large that is."""
 

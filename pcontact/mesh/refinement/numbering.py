@@ -89,7 +89,7 @@ def first_numbers(exchanger, base, ids, counts):
 
 
 def among(ends, edges, n):
-    """Which pairs (m, 2) of numbers below n are among others (k, 2), in any order."""
+    """Tell which pairs (m, 2) of numbers below n are among others (k, 2), in any order."""
     return np.isin(ends.min(axis=1) * n + ends.max(axis=1), edges.min(axis=1) * n + edges.max(axis=1))
 
 
@@ -220,7 +220,7 @@ def sliced(exchanger, mesh, parts, layout, degree, width, move=None, cells=None)
 
 
 def _on_edge(mesh, nodes, pair, edges):
-    """Which cells (n, n_nodes) have an edge, by its local vertices, that is among some (m, 2), by their numbers."""
+    """Tell which cells (n, n_nodes) have an edge, by local vertices, that is among some (m, 2), by their numbers."""
     return among(mesh.file_nodes[nodes[:, list(pair)]], edges, mesh.n_nodes_total)
 
 
@@ -293,7 +293,7 @@ def _several(heard):
 
 @dataclass
 class Origin:
-    """Where the cells and nodes of a refined mesh come from; of this rank's, all blocks one after the other.
+    """Origin of the cells and nodes of a refined mesh; of this rank's, all blocks one after the other.
 
     Attributes
     ----------
@@ -319,7 +319,7 @@ class Origin:
 
 
 def tree_points(mesh):
-    """Where the nodes (n, d) of a mesh are in the tree of its cells, which a geometry does not bend [length]."""
+    """Return the places (n, d) of a mesh's nodes in the tree of its cells, which a geometry does not bend [length]."""
     return mesh.points if mesh.origin is None or mesh.origin.places is None else mesh.origin.places
 
 

@@ -76,7 +76,7 @@ class _Halves:
 
     @staticmethod
     def _facets(cell, corners):
-        """By facet of the cell: part and local facet (n, 2) that lie on it."""
+        """Return by facet of the cell part and local facet (n, 2) that lie on it."""
         weights = [shape(cell, 1, corners[:, list(f)].mean(axis=1)) for f in CELLS[cell].facets]
         result = []
         for facet in CELLS[cell].facets:
@@ -116,7 +116,7 @@ def halved(exchanger, mesh, fields):
 
 
 class Balance(NamedTuple):
-    """By what the cells of the new mesh are spread over the ranks, see :func:`pcontact.mesh.partition.partition`.
+    """Balance by which the new mesh is spread over the ranks, see :func:`pcontact.mesh.partition.partition`.
 
     Attributes
     ----------
@@ -131,7 +131,7 @@ class Balance(NamedTuple):
 
 
 class Rise(NamedTuple):
-    """Where cells are wanted smaller and smaller toward a point, or toward a straight edge.
+    """Wish for cells that are smaller and smaller toward a point, or toward a straight edge.
 
     Attributes
     ----------

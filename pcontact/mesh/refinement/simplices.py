@@ -72,7 +72,7 @@ def middle_keys(one, other):
 
 @njit_inline
 def place(keys, values, key):
-    """Where a key is in the table, or the free place where it belongs."""
+    """Return the place of a key in the table, or the free place where it belongs."""
     last = np.int64(keys.shape[0] - 1)
     at = np.int64(key & np.uint64(last))
     while values[at] != FREE and keys[at] != key:
@@ -260,7 +260,7 @@ def _across(nodes, table, count, rule, face):
 
 @njit_inline
 def _due(nodes, cells, wishes, c):
-    """Whether a cell has to be cut: it has a node on an edge, or is wanted smaller."""
+    """Return whether a cell has to be cut: it has a node on an edge, or is wanted smaller."""
     for e in range(cells.middles.shape[1]):
         if nodes.split[cells.middles[c, e]]:
             return True

@@ -54,7 +54,7 @@ MOST = 64
 
 
 class Division(NamedTuple):
-    """How a cell is divided.
+    """Division of a cell.
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ class Division(NamedTuple):
 
 
 class Places:
-    """Where nodes of the simplices may be in a cell: its own nodes, then those that it lacks.
+    """Places of nodes of the simplices in a cell: its own nodes, then those that it lacks.
 
     Parameters
     ----------
@@ -232,7 +232,7 @@ def _search(points, allowed, open_, tets, found):
 
 
 def _turned(one, other):
-    """Whether two orders of the same vertices have the same sense."""
+    """Return whether two orders of the same vertices have the same sense."""
     k = other.index(one[0])
     return one == (*other[k:], *other[:k])
 
@@ -261,7 +261,7 @@ def _division(cell, simplices):
 
 
 def needs_split(mesh):
-    """Whether a mesh has other cells than triangles or tetrahedra. *Collective.*"""
+    """Return whether a mesh has other cells than triangles or tetrahedra. *Collective.*"""
     own = any(block.cell not in SIMPLICES and len(block.nodes) for block in mesh.blocks)
     return any(mesh.comm.allgather(own))
 
@@ -400,7 +400,7 @@ class _Split:
         return parts
 
     def _dim_middle(self, cell):
-        """Whether the last division of a cell has a vertex in the middle."""
+        """Return whether the last division of a cell has a vertex in the middle."""
         return CELLS[cell].dim == 3 and not (CELLS[cell].is_simplex or CELLS[cell].is_pyramid)
 
     def _choices(self, places, block, x):
