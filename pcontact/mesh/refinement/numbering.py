@@ -176,7 +176,7 @@ def sliced(exchanger, mesh, parts, layout, degree, width, move=None, cells=None)
     counts, begin, kind = np.zeros((3, starts[-1]), dtype=np.int64)
     for k, (part, some) in enumerate(zip(parts, used, strict=True)):
         size, of_mesh, count = len(part.rows) * len(some), starts[part.block] + part.rows, len(part.table)
-        own, end = place[end : end + size].reshape(len(part.rows), -1), end + size
+        own, end = place[end : end + size].reshape(len(part.rows), len(some)), end + size
         own_ids.append(new_ids[own])
         new = home.places[:, 0][own[:, np.searchsorted(some, part.table)]]
         tables[part.block if len(layout) > 1 else 0].append(new.reshape(-1, part.table.shape[1]))
