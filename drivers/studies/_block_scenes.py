@@ -3,6 +3,7 @@
 import gmsh
 
 from drivers._common import make_mesh
+from drivers.studies._harness import composed
 from meshes import one_block, two_blocks
 from meshes.tools import finish, gmsh_model, group, unstructured
 from pcontact.scene.model import (
@@ -88,10 +89,9 @@ def loaded(place, kind, n, degree, folder):
         more["couplings"] = [Coupling("right", point=[1.0, 0.5, 0.5][:dim], rotation=turn, average=kind == "average",
                                       displacement=[0.01, *ones[:-1], "free"])]  # fmt: skip
         more["loads"] = [Load("block", body_force=[0.1, -0.1, *rest])]
-    return Scene(
-        title=f"block, {kind}, degree {degree}", mesh=MeshSpec(path, order=degree), materials={"m": material},
-        bodies=[Body("block", "m")], displacements=held, output=Output(fields=False), petsc=DIRECT, **more,
-    )  # fmt: skip
+    return composed(
+        MeshSpec(path, order=degree), {"block": material}, held, DIRECT, title=f"block, {kind}, degree {degree}", **more
+    )
 
 
 def laminates():

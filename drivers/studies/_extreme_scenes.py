@@ -12,7 +12,7 @@ from drivers._common import make_mesh
 from drivers.studies._harness import composed
 from meshes.bricks import Brick, bricks
 from pcontact.runtime.petsc import MPI
-from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Obstacle, Output, Scene, Steps
+from pcontact.scene.model import Contact, Displacement, Load, Material, MeshSpec, Obstacle, Output, Steps
 
 E = 1000.0
 
@@ -34,7 +34,11 @@ class Frame:
         return x / self.length - self.shift
 
 
-def _mesh(folder, parts, frame):
+PLAIN = Frame()
+
+
+def meshed(folder, parts, frame=PLAIN):
+    """The mesh of bricks in a frame. *Collective.*"""
     return make_mesh(bricks, folder / "mesh.msh", parts, frame.place)
 
 
@@ -68,7 +72,7 @@ def swell(dim, nu):
 
 def stack(
     folder, dim=2, cell="quadrilateral", order=1, n=((3, 2), (4, 2)), youngs=(E, E), nu=(0.3, 0.3), push=0.02,
-    pressure=None, gap=0.0, sizes=(1.0, 1.0, 1.0), bends=(None, None), geometry=1, frame=None, count=1, petsc=None,
+    pressure=None, gap=0.0, sizes=(1.0, 1.0, 1.0), bends=(None, None), geometry=1, frame=PLAIN, count=1, petsc=None,
     plane_stress=False, **contact,
 ):  # fmt: skip
     """Two blocks, one on the other, free to the sides: each is under uniform pressure.
@@ -86,31 +90,29 @@ def stack(
     geometry : degree of the geometry
     contact : further keys of the contact
     """
-    frame = frame or Frame()
     width, low, high = sizes
     side = [width] * (dim - 1)
     parts = [
         Brick("lower", [0.0] * dim, [*side, low], n[0], cell, geometry, bends[0]),
         Brick("upper", [*[0.0] * (dim - 1), low + gap], [*side, low + gap + high], n[1], cell, geometry, bends[1]),
     ]
-    path = _mesh(folder, parts, frame)
+    path = meshed(folder, parts, frame)
     free = ["free"] * (dim - 1)
     supports = [Displacement("lower_bottom", [*free, 0.0]), Displacement("left", [0.0, *free])]
     if dim == 3:
         supports.append(Displacement("front", ["free", 0.0, "free"]))
     if pressure is None:
         supports.append(Displacement("upper_top", [*free, -push * frame.length]))
-    case = Scene(
+    case = composed(
+        MeshSpec(path, order=order, kinematics="plane_stress" if plane_stress else "plane_strain"),
+        {part.name: Material(e * frame.stress, v) for part, e, v in zip(parts, youngs, nu, strict=True)},
+        supports,
         title="Two blocks",
-        mesh=MeshSpec(path, order=order, kinematics="plane_stress" if plane_stress else "plane_strain"),
-        materials={name: Material(e * frame.stress, v) for name, e, v in zip("ab", youngs, nu, strict=True)},
-        bodies=[Body("lower", "a"), Body("upper", "b")],
         contacts=[Contact(**{"source": "upper_bottom", "target": "lower_top", "name": "pair", **contact})],
-        displacements=supports,
         loads=[] if pressure is None else [Load("upper_top", pressure=pressure * frame.stress)],
         steps=Steps(1.0, count, 0.25 / count),
         output=Output(probes=["upper_top"]),
-        petsc=petsc or {},
+        petsc=petsc,
     )
     flat = 3 if plane_stress else dim
     moduli = [modulus(flat, e, v) for e, v in zip(youngs, nu, strict=True)]
@@ -157,7 +159,7 @@ def body_of(simulation):
 
 def shear(
     folder, dim=2, cell="quadrilateral", order=1, n=(4, 2), friction=0.3, ratio=0.2, pressure=10.0, theta=0.0,
-    frame=None, count=2, petsc=None, **contact,
+    frame=PLAIN, count=2, petsc=None, **contact,
 ):  # fmt: skip
     """A block pressed and sheared on a rigid plane, with what its ends bear: stress is uniform, stick or slip.
 
@@ -166,10 +168,9 @@ def shear(
     ratio : shear over normal stress if the block sticks; it slips where that exceeds `friction`
     others : as for :func:`stack`
     """
-    frame = frame or Frame()
     height, size = 0.5, [1.0] * (dim - 1)
     divisions = [n[0], *[2] * (dim - 2), n[1]]
-    path = _mesh(folder, [Brick("block", [0.0] * dim, [*size, height], divisions, cell)], frame)
+    path = meshed(folder, [Brick("block", [0.0] * dim, [*size, height], divisions, cell)], frame)
     tau = pressure * min(ratio, friction)
     drag, depth = ratio * pressure * height / (0.5 * E), pressure * height / E
     zeros = [0.0] * (dim - 2)
@@ -186,7 +187,7 @@ def shear(
             Load(side, traction=[*up, sign * tau * frame.stress]) for side, sign in (("left", -1.0), ("right", 1.0))
         ],
         steps=Steps(1.0, count, 0.25 / count),
-        petsc=petsc or {},
+        petsc=petsc,
     )
 
     def measure(simulation, records):
@@ -209,17 +210,16 @@ def shear(
 
 
 def ring(
-    folder, cell="quadrilateral", order=2, n=(4, 8), nu=0.3, fit=1e-3, frame=None, geometry=2, petsc=None, **contact
+    folder, cell="quadrilateral", order=2, n=(4, 8), nu=0.3, fit=1e-3, frame=PLAIN, geometry=2, petsc=None, **contact
 ):
     """A ring shrunk on a rigid shaft, a quarter of it in plane strain: Lame's solution."""
-    frame = frame or Frame()
     a, b = 1.0, 2.0
 
     def bend(x):
         r, angle = x[:, 0], x[:, 1]
         return np.column_stack([r * np.cos(angle), r * np.sin(angle)])
 
-    path = _mesh(folder, [Brick("ring", [a, 0.0], [b, 0.5 * np.pi], n, cell, geometry, bend)], frame)
+    path = meshed(folder, [Brick("ring", [a, 0.0], [b, 0.5 * np.pi], n, cell, geometry, bend)], frame)
     centre = (np.zeros(2) + frame.shift) * frame.length
     shaft = Obstacle("sphere", center=centre.tolist(), radius=(a + fit) * frame.length)
     case = composed(
@@ -228,7 +228,7 @@ def ring(
         {"bottom": ["free", 0.0], "top": [0.0, "free"]},
         title="Ring on a shaft",
         contacts=[Contact("left", obstacle=shaft, name="pair", **contact)],
-        petsc=petsc or {},
+        petsc=petsc,
     )
     known = fit * E * (b**2 - a**2) / ((1.0 + nu) * a * ((1.0 - 2.0 * nu) * a**2 + b**2))
     # u_r = (1 + nu) / E a^2 p / (b^2 - a^2) ((1 - 2 nu) r + b^2 / r)
@@ -254,13 +254,12 @@ YIELD = 1.0  # of the weaker of two bars, 1e-3 of Young's modulus
 
 
 def bars(
-    folder, dim=3, hardening=0.0, level=0.99, order=1, cell="hexahedron", frame=None, count=4, petsc=None, **contact
+    folder, dim=3, hardening=0.0, level=0.99, order=1, cell="hexahedron", frame=PLAIN, count=4, petsc=None, **contact
 ):
     """Two bars side by side, one of them twice as strong, squeezed by a rigid plate to a part of their limit load.
 
     `level` is the force over that at which both flow, for bars without hardening.
     """
-    frame = frame or Frame()
     side = [1.0] * (dim - 1)
     far = [2.0, *[0.0] * (dim - 2)]
     n = [2] * dim
@@ -268,7 +267,7 @@ def bars(
         Brick("weak", [0.0] * dim, [*side, 1.0], n, cell),
         Brick("strong", [*far, 0.0], [3.0, *side[1:], 1.0], n, cell),
     ]
-    path = _mesh(folder, parts, frame)
+    path = meshed(folder, parts, frame)
     strain = (3.0 * level - 1.0) * YIELD / E
     free = ["free"] * (dim - 1)
     supports = [Displacement("bottom", [*free, 0.0])]
@@ -284,15 +283,14 @@ def bars(
         name: Material(E * scale, 0.3, yield_stress=bound * scale, hardening=hardening * E * scale)
         for name, bound in (("weak", YIELD), ("strong", 2.0 * YIELD))
     }
-    case = Scene(
+    case = composed(
+        MeshSpec(path, order=order, kinematics="plane_stress" if dim == 2 else "plane_strain"),
+        kinds,
+        supports,
         title="Two bars",
-        mesh=MeshSpec(path, order=order, kinematics="plane_stress" if dim == 2 else "plane_strain"),
-        materials=kinds,
-        bodies=[Body("weak", "weak"), Body("strong", "strong")],
         contacts=[Contact("top", obstacle=plate, name="pair", **contact)],
-        displacements=supports,
         steps=Steps(1.0, count, 0.25 / count),
-        petsc=petsc or {},
+        petsc=petsc,
     )
     soft = hardening / (1.0 + hardening) * E
     known = [min(E * strain, bound + soft * max(strain - bound / E, 0.0)) for bound in (YIELD, 2.0 * YIELD)]
@@ -344,11 +342,10 @@ def flowing_strain(load, nu, hardening):
 
 
 def flowing(
-    folder, hardening=0.0, level=0.99, cell="quadrilateral", order=1, count=24, frame=None, petsc=None, **contact
+    folder, hardening=0.0, level=0.99, cell="quadrilateral", order=1, count=24, frame=PLAIN, petsc=None, **contact
 ):
     """A block in plane strain on a rigid plane under a pressure near its limit load 2 / sqrt(3) of the yield stress."""
-    frame = frame or Frame()
-    path = _mesh(folder, [Brick("block", [0.0, 0.0], [1.0, 1.0], (3, 3), cell)], frame)
+    path = meshed(folder, [Brick("block", [0.0, 0.0], [1.0, 1.0], (3, 3), cell)], frame)
     floor = Obstacle("plane", point=((np.zeros(2) + frame.shift) * frame.length).tolist(), normal=[0.0, 1.0])
     load, first = level * 2.0 / np.sqrt(3.0), 1.0 / np.sqrt(0.79)
     # elastic at once, then in steps
@@ -365,7 +362,7 @@ def flowing(
         loads=[Load("top", pressure=load * YIELD * frame.stress, amplitude=path_of)],
         steps=Steps(1.0, count, 0.25 / count),
         output=Output(probes=["top"]),
-        petsc=petsc or {},
+        petsc=petsc,
     )
 
     def measure(simulation, records):

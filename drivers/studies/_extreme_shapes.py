@@ -3,14 +3,10 @@
 import numpy as np
 
 from drivers._common import make_mesh
-from drivers.studies._extreme_scenes import E, Frame, largest, nodal, pairs
+from drivers.studies._extreme_scenes import E, largest, meshed, nodal, pairs
 from drivers.studies._harness import composed
 from meshes.bricks import Brick, bricks
-from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Obstacle, Scene, Steps
-
-
-def _mesh(folder, parts, frame):
-    return make_mesh(bricks, folder / "mesh.msh", parts, frame.place)
+from pcontact.scene.model import Contact, Displacement, Load, Material, MeshSpec, Obstacle, Steps
 
 
 def wave(
@@ -34,7 +30,7 @@ def wave(
     flat = [0.0] * (dim - 2)
     divisions = [n[0], *[1] * (dim - 2), levels]
     brick = Brick("block", [0.0] * dim, [1.0, *[2.0 / n[0]] * (dim - 2), depth], divisions, cell, geometry, bend)
-    path = _mesh(folder, [brick], Frame())
+    path = meshed(folder, [brick])
     free = ["free"] * (dim - 1)
     stiff = E / (1.0 - nu**2)
     star = 0.5 * np.pi * stiff * height
@@ -50,7 +46,7 @@ def wave(
             Contact("bottom", obstacle=Obstacle("plane", point=[0.0, *flat, 0.0], normal=up), name="pair", **contact),
         ],
         loads=[Load("top", pressure=part * star)],
-        petsc=petsc or {},
+        petsc=petsc,
     )
 
     def measure(simulation, records):
@@ -124,7 +120,7 @@ def pointed(
         contacts=contacts,
         loads=[Load("upper", body_force=[*[0.0] * (dim - 1), -load])],
         steps=Steps(1.0, 1, 0.1),
-        petsc=petsc or {},
+        petsc=petsc,
     )
 
     def measure(simulation, records):
@@ -168,18 +164,17 @@ def touching(folder, cell="quadrilateral", load=0.0, n=8, order=2, target="plane
     else:
         floor = Obstacle("plane", point=[0.0, 0.0], normal=[0.0, 1.0])
         pair = Contact("upper_bottom", obstacle=floor, name="pair", **contact)
-    path = _mesh(folder, parts, Frame())
-    case = Scene(
+    path = meshed(folder, parts)
+    supports = {"upper_top": [0.0, "free"], "lower_bottom": [0.0, 0.0]}
+    case = composed(
+        MeshSpec(path, order=order),
+        {part.name: Material(E, 0.3) for part in parts},
+        dict(list(supports.items())[: len(parts)]),
         title="Tangential touch",
-        mesh=MeshSpec(path, order=order),
-        materials={"m": Material(E, 0.3)},
-        bodies=[Body(part.name, "m") for part in parts],
         contacts=[pair],
-        displacements=[Displacement("upper_top", [0.0, "free"])]
-        + [Displacement("lower_bottom", [0.0, 0.0])] * (len(parts) - 1),
         loads=[Load("upper_top", traction=[0.0, -0.5 * load])],
         steps=Steps(1.0, 1, 0.1),
-        petsc=petsc or {},
+        petsc=petsc,
     )
 
     def measure(simulation, records):

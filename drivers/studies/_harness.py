@@ -92,7 +92,7 @@ def solved(scene, mesh=None, comm=MPI.COMM_WORLD, observers=lambda simulation: (
         simulation.free()
 
 
-def composed(mesh, bodies, supports, **keys):
+def composed(mesh, bodies, supports=(), petsc=None, **keys):
     """A scene that writes no fields.
 
     Parameters
@@ -102,6 +102,7 @@ def composed(mesh, bodies, supports, **keys):
         By their regions.
     supports : dict of str to list, or list of Displacement
         Displacements by their regions.
+    petsc : dict of str to object, optional
     **keys
         Of :class:`pcontact.scene.model.Scene`.
     """
@@ -111,7 +112,8 @@ def composed(mesh, bodies, supports, **keys):
         mesh=mesh if isinstance(mesh, MeshSpec) else MeshSpec(mesh),
         materials=bodies,
         bodies=[Body(name, name) for name in bodies],
-        displacements=supports,
+        displacements=list(supports),
+        petsc=petsc or {},
         **{"output": Output(fields=False), **keys},
     )
 

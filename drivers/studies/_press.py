@@ -9,7 +9,8 @@ default gamma0.
 
 from pathlib import Path
 
-from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Output, Scene, Steps
+from drivers.studies._harness import composed
+from pcontact.scene.model import Contact, Load, Material, MeshSpec, Scene
 
 # per case: stiffness of the ball and of the block [stress], gamma0 (None: the default)
 STICK = {
@@ -58,17 +59,11 @@ def make_scene(
     ball, block, gamma0 = STICK.get(case, STICK["stick"])
     bound = yield_stress if case == "plastic" else None
     moduli = {"ball": ball, "block": block}
-    result = Scene(
-        mesh=MeshSpec(mesh, CELLS[cells][1], strain=strain),
+    result = composed(
+        MeshSpec(mesh, CELLS[cells][1], strain=strain),
+        {name: Material(modulus, 0.3, yield_stress=bound) for name, modulus in moduli.items()},
+        {"block_bottom": [0.0, 0.0, 0.0], "ball_top": [0.0, 0.0, 0.0 if case == "linear" else -DEPTH]},
         title=f"ball on block, {case}",
-        materials={name: Material(modulus, 0.3, yield_stress=bound) for name, modulus in moduli.items()},
-        bodies=[Body(name, name) for name in moduli],
-        displacements=[
-            Displacement("block_bottom", [0.0, 0.0, 0.0]),
-            Displacement("ball_top", [0.0, 0.0, 0.0 if case == "linear" else -DEPTH]),
-        ],
-        steps=Steps(),
-        output=Output(fields=False),
     )
     if case != "linear":
         law = {"friction": friction} if case == "frictional" else {"tresca": BOUND} if case in STICK else {}

@@ -31,6 +31,7 @@ from drivers.cases import spring as springs
 from drivers.cases import stack as heaps
 from drivers.studies import _extreme_scenes as extremes
 from drivers.studies import _extreme_shapes as shapes
+from drivers.studies._harness import composed
 from drivers.studies._press import make_scene as make_press
 from meshes import (
     ball_on_block,
@@ -49,7 +50,7 @@ from meshes import (
 )
 from meshes.bricks import Brick, bricks
 from meshes.tools import gmsh_model, group, write
-from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Obstacle, Output, Scene, Steps
+from pcontact.scene.model import Contact, Displacement, Load, Material, MeshSpec, Obstacle, Output, Scene, Steps
 
 FREE = "free"
 THETAS = (-1.0, 0.0, 1.0)
@@ -75,10 +76,11 @@ class Case:
     large: bool = False
 
 
-def _scene(path, contacts, regions=(), **more):
-    order = more.pop("order", 1)
-    said = {"materials": {"m": Material(1000.0, 0.3)}, "bodies": [Body(name, "m") for name in regions]}
-    return Scene(mesh=MeshSpec(path, order=order), contacts=contacts, output=Output(fields=False), **(said | more))
+SOFT = Material(1000.0, 0.3)
+
+
+def _scene(path, *parts, **keys):
+    return composed(MeshSpec(path, order=1), *parts, **keys)
 
 
 def _plane(point, normal, **more):
@@ -92,10 +94,9 @@ def receding(folder, stiffness=1.0, n=10):
     """The layer on its base; `n` cells over its height."""
     path = make_mesh(layer_on_base, folder / "mesh.msh", n)
     return _scene(
-        path, [Contact("layer_bottom", "base_top", name="pair")],
-        materials={"layer": Material(1.0e4, 0.3), "base": Material(1.0e4 * stiffness, 0.3)},
-        bodies=[Body("layer", "layer"), Body("base", "base")], loads=[Load("strip", pressure=1.0)], steps=Steps(),
-        displacements=[Displacement("symmetry", [0.0, FREE]), Displacement("base_bottom", [FREE, 0.0])],
+        path, {"layer": Material(1.0e4, 0.3), "base": Material(1.0e4 * stiffness, 0.3)},
+        {"symmetry": [0.0, FREE], "base_bottom": [FREE, 0.0]}, loads=[Load("strip", pressure=1.0)],
+        contacts=[Contact("layer_bottom", "base_top", name="pair")],
     )  # fmt: skip
 
 
@@ -105,11 +106,9 @@ def roller(folder, h=2.0, friction=0.1):
         cylinder_on_block, folder / "mesh.msh", h, radius=50.0, width=200.0, depth=200.0, half=True, contact_radius=9.0
     )
     return _scene(
-        path, [Contact("cylinder_skin", "block_top", name="pair", friction=friction)],
-        materials={"roller": Material(210e3, 0.3), "block": Material(70e3, 0.3)},
-        bodies=[Body("cylinder", "roller"), Body("block", "block")],
-        loads=[Load("cylinder_flat", pressure=350.0)], steps=Steps(),
-        displacements=[Displacement("symmetry_x", [0.0, FREE]), Displacement("block_bottom", [FREE, 0.0])],
+        path, {"cylinder": Material(210e3, 0.3), "block": Material(70e3, 0.3)},
+        {"symmetry_x": [0.0, FREE], "block_bottom": [FREE, 0.0]}, loads=[Load("cylinder_flat", pressure=350.0)],
+        contacts=[Contact("cylinder_skin", "block_top", name="pair", friction=friction)],
     )  # fmt: skip
 
 
@@ -117,11 +116,8 @@ def squeezed(folder, n=16, friction=1.0):
     """The plate on its rigid plane, in one load step; `n` cells along each side."""
     path = make_mesh(one_block, folder / "mesh.msh", 2, n, size=40.0)
     floor = Contact("bottom", obstacle=_plane([0.0, 0.0], [0.0, 1.0]), name="pair", friction=friction)
-    return _scene(
-        path, [floor], ["block"], materials={"m": Material(130e3, 0.2)}, steps=Steps(),
-        loads=[Load("top", pressure=50.0), Load("left", pressure=150.0)],
-        displacements=[Displacement("right", [0.0, FREE])],
-    )  # fmt: skip
+    loads = [Load("top", pressure=50.0), Load("left", pressure=150.0)]
+    return _scene(path, {"block": Material(130e3, 0.2)}, {"right": [0.0, FREE]}, contacts=[floor], loads=loads)
 
 
 def _bent(inner, outer):
@@ -142,14 +138,10 @@ def pin(folder, n=24, friction=0.3):
     ]
     path = make_mesh(bricks, folder / "mesh.msh", parts)
     return _scene(
-        path, [Contact("pin_right", "plate_left", name="pair", friction=friction)],
-        materials={"pin": Material(210e3, 0.3), "plate": Material(70e3, 0.3)},
-        bodies=[Body("pin", "pin"), Body("plate", "plate")], steps=Steps(1.0, 5),
-        loads=[Load("pin", body_force=[66.0, 0.0])],
-        displacements=[
-            Displacement("plate_right", [0.0, 0.0]),
-            *(Displacement(side, [FREE, 0.0]) for side in ("bottom", "top")),
-        ],
+        path, {"pin": Material(210e3, 0.3), "plate": Material(70e3, 0.3)},
+        {"plate_right": [0.0, 0.0], "bottom": [FREE, 0.0], "top": [FREE, 0.0]},
+        contacts=[Contact("pin_right", "plate_left", name="pair", friction=friction)],
+        loads=[Load("pin", body_force=[66.0, 0.0])], steps=Steps(1.0, 5),
     )  # fmt: skip
 
 
@@ -170,7 +162,7 @@ def jaws(folder, dim=2, theta=0.0):
 
     weight = Load("block", body_force=along(dim - 1, -3.0), amplitude=[(0, 0), (0.2, 0), (1, 1)])
     pairs = [jaw("left", 0.0, 1.0), jaw("right", 1.0, -1.0)]
-    return _scene(path, pairs, ["block"], loads=[weight], steps=Steps(1.0, 5))
+    return _scene(path, {"block": SOFT}, contacts=pairs, loads=[weight], steps=Steps(1.0, 5))
 
 
 def kink(folder, friction=0.9, theta=0.0):
@@ -179,7 +171,7 @@ def kink(folder, friction=0.9, theta=0.0):
     press = Displacement("upper_top", [FREE, -0.01], [(0, 0), (0.5, 0), (1, 1)])
     pair = Contact("upper_bottom", "lower_top", friction=friction, theta=theta, name="pair")
     supports = [Displacement("lower_bottom", [0, 0]), press]
-    return _scene(path, [pair], ["lower", "upper"], displacements=supports, steps=Steps(1.0, 4))
+    return _scene(path, {"lower": SOFT, "upper": SOFT}, supports, contacts=[pair], steps=Steps(1.0, 4))
 
 
 def reversal(folder, friction=0.3, theta=0.0, n=12):
@@ -188,7 +180,7 @@ def reversal(folder, friction=0.3, theta=0.0, n=12):
     drag = Displacement("top", [0.1, FREE], [(0, 0), (0.2, 1), (0.4, -1), (0.6, 1), (0.8, -1), (1, 1)])
     press = Displacement("top", [FREE, -0.004], [(0, 0), (0.2, 1), (1, 1)])
     floor = Contact("bottom", obstacle=_plane([0, 0], [0, 1]), name="floor", friction=friction, theta=theta)
-    return _scene(path, [floor], ["block"], displacements=[drag, press], steps=Steps(1.0, 5))
+    return _scene(path, {"block": SOFT}, [drag, press], contacts=[floor], steps=Steps(1.0, 5))
 
 
 def over_the_edge(folder, theta=0.0):
@@ -197,7 +189,7 @@ def over_the_edge(folder, theta=0.0):
     drag = Displacement("upper_top", [1.2, -0.02], [(0, 0), (0.1, 0.01), (1, 1)])
     pair = Contact("upper_bottom", "lower_top", friction=0.3, theta=theta, name="pair")
     supports = [Displacement("lower_bottom", [0, 0]), drag]
-    return _scene(path, [pair], ["lower", "upper"], displacements=supports, steps=Steps(1.0, 4))
+    return _scene(path, {"lower": SOFT, "upper": SOFT}, supports, contacts=[pair], steps=Steps(1.0, 4))
 
 
 def too_far(folder, theta=0.0):
@@ -205,7 +197,7 @@ def too_far(folder, theta=0.0):
     path = make_mesh(one_block, folder / "mesh.msh", 2, 6)
     floor = Contact("bottom", obstacle=_plane([0, -0.5], [0, 1]), name="floor", friction=0.9, theta=theta,
                     search_radius=0.15)  # fmt: skip
-    return _scene(path, [floor], ["block"], displacements=[Displacement("top", [0.1, -0.52])], steps=Steps())
+    return _scene(path, {"block": SOFT}, {"top": [0.1, -0.52]}, contacts=[floor])
 
 
 def lid(folder, dim=2, count=1, friction=0.3):
@@ -226,7 +218,7 @@ def lid(folder, dim=2, count=1, friction=0.3):
     ]
     if count > 1:
         contacts.append(Contact("upper_bottom", "lower_top", name="pair", friction=friction))
-    return _scene(path, contacts, bodies, steps=Steps(1.0, 4, 0.1))
+    return _scene(path, dict.fromkeys(bodies, SOFT), contacts=contacts, steps=Steps(1.0, 4, 0.1))
 
 
 # -- those of the drivers --------------------------------------------------------------------------------------------
@@ -312,12 +304,11 @@ def snapping(folder, load=0.5, count=20):
     arch = Brick("arch", [0.0, 0.0], [1.0, 1.0], [48, 2], "quadrilateral", 2, bend)
     path = make_mesh(bricks, folder / "mesh.msh", [arch])
     floor = _plane([0.0, -0.15], [0.0, 1.0])
-    return Scene(
-        mesh=MeshSpec(path, order=2, strain="finite"), materials={"m": Material(1.0e4, 0.3)},
-        bodies=[Body("arch", "m")], loads=[Load("arch_top", pressure=load)],
+    return composed(
+        MeshSpec(path, order=2, strain="finite"), {"arch": Material(1.0e4, 0.3)},
+        {"arch_left": [0.0, 0.0], "arch_right": [0.0, 0.0]}, loads=[Load("arch_top", pressure=load)],
         contacts=[Contact("arch_bottom", obstacle=floor, name="floor", friction=0.2, search_radius=0.5)],
-        displacements=[Displacement(f"arch_{side}", [0.0, 0.0]) for side in ("left", "right")],
-        steps=Steps(count=count), output=Output(fields=False),
+        steps=Steps(count=count),
     )  # fmt: skip
 
 
@@ -331,11 +322,11 @@ def drawn(folder, deep=0.3, count=30):
         ("die", "sheet_bottom", Obstacle("sphere", center=[0.6, -0.15], radius=0.15)),
         ("holder", "sheet_top", _plane([0.0, 0.042], [0.0, -1.0])),
     )
-    return Scene(
-        mesh=MeshSpec(path, kinematics="axisymmetric", strain="finite", mean_dilatation=True),
-        materials={"m": Material(210e3, 0.3, yield_stress=200.0, hardening=1000.0)}, bodies=[Body("sheet", "m")],
+    return composed(
+        MeshSpec(path, kinematics="axisymmetric", strain="finite", mean_dilatation=True),
+        {"sheet": Material(210e3, 0.3, yield_stress=200.0, hardening=1000.0)}, {"sheet_left": [0.0, FREE]},
         contacts=[Contact(region, obstacle=tool, name=name, friction=0.1) for name, region, tool in tools],
-        displacements=[Displacement("sheet_left", [0.0, FREE])], steps=Steps(count=count), output=Output(fields=False),
+        steps=Steps(count=count),
     )  # fmt: skip
 
 
@@ -346,11 +337,10 @@ def bent(folder, load=1.0, count=4, held=("left",), thin=0.5, back=0, **keys):
     force = load * young * thin**3 / 12.0 / 20.0**2
     amplitude = [[0.0, 0.0], [1.0, 1.0], [2.0, 0.0], [3.0, 0.0]] if back else None
     where = {"region": "top", "pressure": force / 20.0} if len(held) > 1 else {"region": "right", "force": [0.0, force]}
-    return Scene(
-        mesh=MeshSpec(path, order=2, strain="finite", kinematics="plane_stress"), materials={"m": Material(young, 0.0)},
-        bodies=[Body("beam", "m")], displacements=[Displacement(name, [0.0, 0.0]) for name in held],
-        loads=[Load(**where, amplitude=amplitude)], steps=Steps(3.0 if back else 1.0, count),
-        output=Output(fields=False), **keys,
+    return composed(
+        MeshSpec(path, order=2, strain="finite", kinematics="plane_stress"), {"beam": Material(young, 0.0)},
+        dict.fromkeys(held, [0.0, 0.0]), loads=[Load(**where, amplitude=amplitude)],
+        steps=Steps(3.0 if back else 1.0, count), **keys,
     )  # fmt: skip
 
 
@@ -373,10 +363,9 @@ def squeezed_ring(folder, nu=0.4995, strain="small", **keys):
     walls = {"groove": _plane([50.035, 0.0], [1.0, 0.0]),
              "bore": _plane([55.365, 0.0], [-1.0, 0.0], displacement=[-1.07, 0.0], amplitude=[(0.0, 0.0), (1.0, 1.0)])}
     law = {"law": "neo_hooke"} if strain == "finite" else {}
-    return Scene(
+    return composed(
         MeshSpec(section(folder / "mesh.msh"), kinematics="axisymmetric", strain=strain),
-        {"rubber": Material(6.0, nu, **law)}, [Body("ring", "rubber")], steps=Steps(count=10),
-        output=Output(fields=False),
+        {"ring": Material(6.0, nu, **law)}, steps=Steps(count=10),
         contacts=[Contact("skin", obstacle=wall, name=name, friction=0.15, **keys) for name, wall in walls.items()],
     )  # fmt: skip
 
