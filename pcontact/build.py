@@ -468,14 +468,9 @@ def _heat(scene, space, laws):
     for number, one in enumerate(scene.temperatures):
         where = place("temperatures", number, one.region)
         value = Prescribed(one.value, scene.where, f"{where}.value") if one.file is None else partial(
-            _nodal_field, space, scene.folder / one.file, one.field, (scene.where, where))  # fmt: skip
+            NodalField, space, path=scene.folder / one.file, name=one.field, where=(scene.where, where))  # fmt: skip
         heatings.append(Heating(one.region, value, one.reference, amplitude_of(one, scene.steps.end), where))
     return Heat(space, heatings, laws, scene.where)
-
-
-def _nodal_field(space, path, name, where, which):
-    """The field of a file at the nodes of some cells. *Collective.*"""
-    return NodalField(space, which, path, name, where)
 
 
 def _rigid_groups(scene, space, supports):

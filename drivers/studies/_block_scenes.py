@@ -7,15 +7,12 @@ from drivers.studies._harness import composed
 from meshes import one_block, two_blocks
 from meshes.tools import finish, gmsh_model, group, unstructured
 from pcontact.scene.model import (
-    Body,
     Contact,
     Coupling,
     Displacement,
     Load,
     Material,
     MeshSpec,
-    Output,
-    Scene,
     Spring,
     Temperature,
 )
@@ -95,10 +92,9 @@ def loaded(place, kind, n, degree, folder):
 
 
 def laminates():
-    """Materials and bodies of two blocks of laminates, fields of a scene."""
-    materials = {name: Material(*FIBRES[:2], G=FIBRES[2], angle=angle)
-                 for name, angle in (("lower", 30.0), ("upper", -50.0))}  # fmt: skip
-    return {"materials": materials, "bodies": [Body(name, name) for name in materials]}
+    """The materials of two blocks of laminates, by their regions."""
+    moduli, ratios, shear = FIBRES
+    return {name: Material(moduli, ratios, G=shear, angle=angle) for name, angle in (("lower", 30.0), ("upper", -50.0))}
 
 
 def blocks(place, kind, n, degree, theta, folder, finer=False):
@@ -111,18 +107,15 @@ def blocks(place, kind, n, degree, theta, folder, finer=False):
         path = make_mesh(joined, folder / f"joined_{dim}_{n}.msh", dim, n)
     own = 1 if (shared or kind == "lower") and not finer else None
     contact = Contact("upper_bottom", "lower_top", name="face", theta=theta, **BLOCKS[kind])
-    lower = Body("lower", "stiff" if kind in ("stiff", "die") else "soft", order=own)
-    bodies = {"materials": {"soft": Material(10.0, 0.3), "stiff": Material(10000.0, 0.3)},
-              "bodies": [lower, Body("upper", "soft")]}  # fmt: skip
-    return Scene(
+    soft = Material(10.0, 0.3)
+    plain = {"lower": Material(10000.0, 0.3) if kind in ("stiff", "die") else soft, "upper": soft}
+    scene = composed(
+        MeshSpec(path, order=degree),
+        laminates() if kind == "laminate" else plain,
+        {"lower_bottom": [0.0] * dim, "upper_top": [0.02] + [0.0] * (dim - 2) + [-0.05]},
+        DIRECT,
         title=f"blocks, {kind}, degree {degree}",
-        mesh=MeshSpec(path, order=degree),
-        **(laminates() if kind == "laminate" else bodies),
         contacts=[] if shared else [contact],
-        displacements=[
-            Displacement("lower_bottom", [0.0] * dim),
-            Displacement("upper_top", [0.02] + [0.0] * (dim - 2) + [-0.05]),
-        ],
-        output=Output(fields=False),
-        petsc=DIRECT,
     )
+    scene.bodies[0].order = own
+    return scene

@@ -43,7 +43,7 @@ from meshes import indent as indent_mesh
 from meshes import rings as rings_mesh
 from meshes.punch import cube_on_block, punch
 from meshes.shells import shells
-from pcontact.scene.model import Contact, Displacement, Load, Material, MeshSpec, Output, Scene, Steps
+from pcontact.scene.model import Contact, Displacement, Load, Material, MeshSpec, Output, Steps
 
 
 @dataclass(frozen=True)
@@ -228,14 +228,13 @@ def _wound_known(x, body):
 
 def _laminate(folder):
     path = make_mesh(two_blocks, folder / "laminate.msh", 2, 3, 5, "triangle")
-    return Scene(
+    return composed(
+        path,
+        laminates(),
+        {"lower_bottom": [0.0, 0.0], "upper_top": [0.02, -0.05]},
         title="blocks of laminates pressed and sheared",
-        mesh=MeshSpec(path),
-        **laminates(),
         contacts=[Contact("upper_bottom", "lower_top", name="face", friction=0.3)],
-        displacements=[Displacement("lower_bottom", [0.0, 0.0]), Displacement("upper_top", [0.02, -0.05])],
         steps=Steps(count=4),
-        output=Output(fields=False),
     )
 
 

@@ -38,12 +38,12 @@ from drivers.cases.hertz import CASES, generate
 from drivers.studies import _harness as harness
 from drivers.studies._compare_report import METHODS, SHEARED, document, plots, report
 from drivers.studies._condition import condition
-from drivers.studies._harness import Counts, Rows, results, study_parser
+from drivers.studies._harness import Counts, Rows, composed, results, study_parser
 from pcontact.contact.formulation.methods import coercive
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
-from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Output, Scene, Steps
+from pcontact.scene.model import Contact, Load, Material, MeshSpec, Output, Scene, Steps
 
 CASE = CASES["cylinder_on_block"]
 MEASURES = ("penetration", "error", "oscillation", "balance", "tangential", "ripple")
@@ -58,13 +58,12 @@ def make_scene(mesh: Path, name: str, gamma0: float, order: int) -> Scene:
     """The scene of one run: the load in one step, and one more in which the search is renewed."""
     formulation, theta, _ = METHODS[name]
     source, target = CASE.skins
-    return Scene(
-        mesh=MeshSpec(mesh, order=order),
-        materials={"elastic": Material(CASE.E, CASE.nu)},
-        bodies=[Body(CASE.upper, "elastic"), Body(CASE.lower, "elastic")],
+    return composed(
+        MeshSpec(mesh, order=order),
+        dict.fromkeys((CASE.upper, CASE.lower), Material(CASE.E, CASE.nu)),
+        {"symmetry_x": [0.0, FREE], CASE.held: [FREE, 0.0]},
         contacts=[Contact(source, target, name="pair", formulation=formulation, theta=theta, gamma0=gamma0,
                           traction="source")],
-        displacements=[Displacement("symmetry_x", [0.0, FREE]), Displacement(CASE.held, [FREE, 0.0])],
         loads=[Load(CASE.driven, pressure=CASE.pressure, amplitude=[[0.0, 0.0], [1.0, 1.0], [2.0, 1.0]])],
         # what does not converge in a step and a quarter of it is given up
         steps=Steps(end=2.0, count=2, min_step=0.25),

@@ -153,7 +153,8 @@ def help_lines(options: Iterable[Option], column: int = 51, width: int = 120) ->
     """Return the lines of ``--help`` on options: one line each, two where the usage is long."""
     lines = []
     for option in options:
-        default = f" ({option.otherwise or shown(option.default)})" if _has_default(option) else ""
+        said = option.otherwise or (option.default not in (None, (), "") and shown(option.default))
+        default = f" ({said})" if said else ""
         usage, indent = f"  {option.usage}".ljust(column), " " * column
         if len(usage) > column or usage[-1] != " ":
             lines.append(usage.rstrip())
@@ -161,10 +162,6 @@ def help_lines(options: Iterable[Option], column: int = 51, width: int = 120) ->
         lines += textwrap.wrap((option.help + default).replace("`", ""), width, initial_indent=usage,
                                subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)  # fmt: skip
     return lines
-
-
-def _has_default(option):
-    return bool(option.otherwise) or option.default not in (None, (), "")
 
 
 def shown(value: object) -> str:

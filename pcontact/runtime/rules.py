@@ -8,6 +8,7 @@ import math
 import numbers
 import os
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 from pcontact.runtime.errors import CONTROL, input_error, shown
@@ -180,14 +181,8 @@ def _printable(value):
     return value
 
 
-def _any_text(value):
-    if not isinstance(value, str):
-        raise ValueError
-    return value
-
-
-def _boolean(value):
-    if not isinstance(value, bool):
+def _instance(cls, value):
+    if not isinstance(value, cls):
         raise ValueError
     return value
 
@@ -228,8 +223,8 @@ def _option_text(value):
 POSITIVE = number(above=0)
 NON_NEGATIVE = number(least=0)
 TEXT = text()
-ANY_TEXT = Rule("a string", _any_text, {"type": "string"})
-BOOLEAN = Rule("true | false", _boolean, {"type": "boolean"})
+ANY_TEXT = Rule("a string", partial(_instance, str), {"type": "string"})
+BOOLEAN = Rule("true | false", partial(_instance, bool), {"type": "boolean"})
 # a value of the [petsc] table, as PETSc's options database takes it
 PETSC_VALUE = Rule(
     "a string, a boolean, a finite number or a list of them", _option_text,

@@ -15,7 +15,7 @@ import json
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import MISSING, dataclass
-from functools import cache
+from functools import cache, partial
 from typing import Any, TypeVar, dataclass_transform
 
 from pcontact.runtime.declared import Option
@@ -297,10 +297,6 @@ def _check_growing(rows, words, where=""):
             raise ValueError(f"whose {words} do not increase{where and f' {where} {index}'}")
 
 
-def _check_amplitude(rows):
-    _check_growing(rows, "times")
-
-
 def _check_hardening(rows):
     if rows[0][0] != 0:
         raise ValueError(f"whose first strain is {rows[0][0]:g}")
@@ -417,7 +413,8 @@ TERMS = sequence(
     Rule("", _term, {"type": "array", "minItems": 3, "maxItems": 3}), None, bool,
 )  # fmt: skip
 TERMS.schema["minItems"] = 1
-AMPLITUDE = _pairs("a list of [time, factor] pairs of finite numbers, times increasing", _check_amplitude)
+AMPLITUDE = _pairs("a list of [time, factor] pairs of finite numbers, times increasing",
+                   partial(_check_growing, words="times"))  # fmt: skip
 HARDENING_CURVE = _pairs(
     "a list of [equivalent plastic strain, yield stress] pairs, the first strain 0, strains increasing, stresses > 0 "
     "and not decreasing",

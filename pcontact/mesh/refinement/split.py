@@ -378,6 +378,8 @@ class _Split:
         """The parts of a block: list of Part."""
         mesh, places = self._mesh, Places(block.cell, self._mesh.degree, self._degree)
         whole = CELLS[block.cell].complete or block.cell
+        # the last division has a vertex in the middle
+        middle = CELLS[whole].dim == 3 and not (CELLS[whole].is_simplex or CELLS[whole].is_pyramid)
         x = mesh.points[block.nodes[:, : places.vertices]]
         choice = self._choices(places, block, x)
         weights, parts = shape(block.cell, mesh.degree, places.at), []
@@ -387,7 +389,7 @@ class _Split:
         for chosen in np.unique(choice):
             rows = np.flatnonzero(choice == chosen)
             some = divisions(whole, int(chosen))
-            best = _best(some, x[rows], self._dim_middle(whole))
+            best = _best(some, x[rows], middle)
             for k in np.unique(best):
                 own = rows[best == k]
                 nodes = block.nodes[own]
@@ -398,10 +400,6 @@ class _Split:
                 keys = self._keys(places, nodes, block.ids[own], int(chosen))
                 parts.append(Part(number, own, table, some[k].facets, edges, old, values, keys))
         return parts
-
-    def _dim_middle(self, cell):
-        """Return whether the last division of a cell has a vertex in the middle."""
-        return CELLS[cell].dim == 3 and not (CELLS[cell].is_simplex or CELLS[cell].is_pyramid)
 
     def _choices(self, places, block, x):
         """Bits of the diagonals of the faces of cells (n,)."""
