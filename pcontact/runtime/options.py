@@ -78,6 +78,10 @@ class Options:
             return option.default if default is UNSAID else default
         return option.read(self._db.getString(name, ""), self.said)
 
+    def beginning(self, words):
+        """Options in the database, and their values, whose names begin with one of some words; they count as used."""
+        return {name: self._db.getString(name, "") for name in self._db.getAll() if name.startswith(words)}
+
     def refusal(self, name, allowed):
         """The error to raise: the option's name, what was found, what is allowed.
 

@@ -23,6 +23,8 @@ EISENSTAT_WALKER = {"rtol0": "rtol_0", "rtolmax": "rtol_max"}
 # Krylov methods for symmetric matrices, and those that have their preconditioner on the right by default
 SYMMETRIC = ("cg", "fcg", "pipecg", "groppcg", "minres", "symmlq", "cr", "pipecr")
 RIGHT = ("gmres", "fgmres", "lgmres", "pgmres", "dgmres", "bcgs", "fbcgs", "tfqmr", "gcr")
+# what the user says of multigrid begins so, and of its coarse level so
+OF_MULTIGRID, COARSE = ("pc_gamg_", "pc_mg_", "mg_levels_"), "mg_coarse_"
 # types of vectors: on the host, and on accelerators
 VECTORS = ("standard", "cuda", "hip", "kokkos")
 
@@ -82,7 +84,7 @@ def refresh_smoother(ksp, operator, matrix):
         smoother.setOperators(operator, matrix)
 
 
-def solver_defaults(symmetric, ranks, krylov=None):
+def solver_defaults(symmetric, ranks, krylov=None, lower=None):
     """Options proposed for the Krylov method and the preconditioner.
 
     Parameters
@@ -92,6 +94,8 @@ def solver_defaults(symmetric, ranks, krylov=None):
     ranks : int
     krylov : str, optional
         The Krylov method that the user chose.
+    lower : dict of str to object, optional
+        Where a level of degree 1 is below that of degree 2: what the user says of multigrid, which is said of that.
 
     Returns
     -------
@@ -121,6 +125,13 @@ def solver_defaults(symmetric, ranks, krylov=None):
     if ranks <= FEW:
         # iterations that hardly grow with the mesh; each costs a little more, the more the longer coarse levels take
         options["pc_mg_cycle_type"] = "w"
+    if lower is not None:
+        options = {COARSE + name: value for name, value in (options | lower).items() if name != "ksp_max_it"}
+        # diagonal blocks of nodes: up to 12 % fewer iterations than with diagonals, never more, at the same price
+        options |= {"pc_type": "mg", COARSE + "ksp_type": "preonly", "ksp_max_it": 500} | {
+            f"mg_levels_{name}": value
+            for name, value in (("ksp_type", "chebyshev"), ("ksp_max_it", 2), ("pc_type", "pbjacobi"))
+        }
     if ranks == 1:
         # Galerkin products in half the time; the default of several ranks is as fast
         options["matptap_via"] = "rap"
@@ -173,7 +184,7 @@ def choose_operator(matrix, options, symmetric, direct, around):
     InputError
     """
     pc = options.get("pc_type")
-    beside = pc == "gamg" and not direct and not any(options.given(name) for name in DIFFERENCES)
+    beside = pc in ("gamg", "mg") and not direct and not any(options.given(name) for name in DIFFERENCES)
     kind = options.get("mat_type", matrix.default if beside else "aij")
     allowed = [name for name in known_types(PETSc.Mat, (*AIJ, *BESIDE)) if symmetric or name != "sbaij"]
     if kind not in allowed:

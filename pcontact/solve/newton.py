@@ -21,6 +21,7 @@ from pcontact.solve.globalisation import Globalisation
 from pcontact.solve.linear import (
     BY_OPERATOR,
     DIFFERENCES,
+    OF_MULTIGRID,
     Reuse,
     check_tolerances,
     choose_operator,
@@ -30,6 +31,7 @@ from pcontact.solve.linear import (
     solver_vectors,
     warn_of_krylov,
 )
+from pcontact.solve.lower_degree import has_lower_degree, lower_degree
 from pcontact.solve.preconditioners import (
     MULTIGRID,
     PIVOTS,
@@ -103,11 +105,15 @@ class Newton:
         defaults = newton_defaults(problem.linear, direct, inexact)
         krylov = options.get("ksp_type")
         warn_of_krylov(symmetric, krylov)
-        defaults |= solver_defaults(symmetric, problem.space.comm.size, krylov) | (PIVOTS if direct else {}) | small
+        two = has_lower_degree(problem) and options.get("pc_type", "mg") == "mg"
+        lower = options.beginning(OF_MULTIGRID) if two else None
+        defaults |= solver_defaults(symmetric, problem.space.comm.size, krylov, lower)
+        defaults |= (PIVOTS if direct else {}) | small
         self.applied, self.kept_out = options.propose(defaults)
         stays = direct or "pc_type" in self.kept_out or lags or "direct" in self._without
         self._fallback = DirectFallback(options, problem.space, stays)
         self._filter = deflation(problem, options) or contact_preconditioner(problem, options)
+        self._lower = lower_degree(problem, options)
         base = choose_operator(problem.matrix, options, symmetric, direct, self._filter)
         if base is not problem.matrix.operator and options.get("pc_type") in MULTIGRID:
             self.applied |= options.propose(BY_OPERATOR)[0]
@@ -148,7 +154,7 @@ class Newton:
     def _solver(self, symmetric, modes):
         return {
             "krylov": self.snes.getKSP().getType(),
-            "preconditioner": self._options.get("pc_type", "gamg"),
+            "preconditioner": self._options.get("pc_type"),
             "rigid_modes": modes,
             "symmetric": symmetric,
             "filter": {type(None): "none", Deflation: "bodies"}.get(type(self._filter), "contact"),
@@ -204,7 +210,7 @@ class Newton:
         with self._timed():
             self._globalisation.prepare(x, self._f)
 
-    def _tangent(self, snes, x, matrix, preconditioner):
+    def _tangent(self, snes, x, matrix, base):
         with self._timed():
             changes = self.problem.pattern_changes
             self.problem.tangent(x, self._globalisation.rules, self._predicting)
@@ -215,8 +221,10 @@ class Newton:
                 matrix.assemble()
             if self.problem.pattern_changes != changes:
                 forget_pattern(snes.getKSP())
-                if self._filter is not None:
-                    self._filter.forget_pattern()
+                for part in (self._filter, self._lower):
+                    if part is not None:
+                        part.forget_pattern()
+        keep = False
         if self._reuse is not None:
             keep = self._reuse.keep(snes.getKSP(), self.problem.active.closed_area())
             if self._filter is None:
@@ -224,7 +232,9 @@ class Newton:
             else:
                 self._filter.keep(keep)
             if keep:
-                refresh_smoother(snes.getKSP(), matrix, preconditioner)
+                refresh_smoother(snes.getKSP(), matrix, base)
+        if self._lower is not None and not keep:
+            self._lower.renew(preconditioner(snes.getKSP()), base)
 
     def _limit(self, x, y):
         """Prescribed components stay where they are, whatever an inexact linear solve says, and followers follow."""
@@ -240,6 +250,8 @@ class Newton:
             self._filter.attach(ksp, prefix)
         else:
             ksp.setPC(new_preconditioner(ksp.getComm(), prefix))
+        if self._lower is not None:
+            self._lower.attach(preconditioner(ksp))
 
     def solve(self, u, follow=None):
         """Solve for the displacement at the problem's time, from ``u``. *Collective.*
@@ -317,6 +329,8 @@ class Newton:
         if not self._linearised:
             self.problem.tangent(self.snes.getSolution())
             self._linearised = True
+            if self._lower is not None:
+                self._lower.renew(preconditioner(self.snes.getKSP()), self._operators[1])
         pc = preconditioner(self.snes.getKSP())
         pc.setReusePreconditioner(True)
         return pc
@@ -340,7 +354,7 @@ class Newton:
         """Take the direct solver that the options hold by now. *Collective.*"""
         if self._filter is not None:
             self._filter.detach(self.snes.getKSP())
-        self._filter = self._reuse = None
+        self._filter = self._reuse = self._lower = None
         keep_preconditioner(self.snes, False)
         self.snes.setFromOptions()
         self._renew_preconditioner()

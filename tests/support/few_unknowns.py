@@ -36,7 +36,7 @@ class FewUnknowns:
         self._residual, self._tangent, self._load, self.linear = residual, tangent, load, linear
         self._terms = terms or (lambda u: np.full(1, load))
         mesh = SimpleNamespace(points=np.array([[0.0], [1e3]]), comm=SELF)
-        self.space = SimpleNamespace(comm=SELF, dim=2, n_dofs=n, mesh=mesh, vector=self._vector)
+        self.space = SimpleNamespace(comm=SELF, dim=2, degree=1, n_dofs=n, mesh=mesh, vector=self._vector)
         self.fixed = np.zeros((n, 1), dtype=bool)
         self.others = [SimpleNamespace(can_slip=slips, stiff=False, name="pair")]
         self.bulk = SimpleNamespace(flowing=lambda u: 0.0, yields=False, extrapolates=False)
