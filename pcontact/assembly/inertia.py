@@ -53,6 +53,9 @@ class Inertia(Item):
         State at the end of the last step: v, a and q.
     begun : bool
         Whether there has been one.
+    damps, controls : bool
+        Whether the integrator takes energy from motions that steps are too long for, and whether the local error
+        controls the length of steps.
     carried : float
         Largest norm of the velocity so far, sqrt(v M v), where the length of steps asks for it.
     """
@@ -65,7 +68,7 @@ class Inertia(Item):
         self.velocity, self.acceleration, self.force = (np.zeros((space.n_owned, space.dim)) for _ in STATE)
         # of the last step; whether it goes on: if not, forces are those of the state
         self._since, self._size, self._begin, self._goes_on = 0.0, 0.0, np.zeros_like(self.velocity), False
-        self.begun = False
+        self.begun, self.damps, self.controls = False, weights.velocity[1] > 0.5, step_error is not None
 
     # -- a step -----------------------------------------------------------------------------------------------------
 

@@ -15,7 +15,7 @@ YIELDED = 0.5
 CLOSED = 1e-3
 
 
-def diagnose(problem, u, reason, norm, loose=()):
+def diagnose(problem, u, reason, norm, loose=(), direct=False):
     """Sentences on the state in which Newton's method has ended without success. *Collective.*
 
     Parameters
@@ -28,6 +28,8 @@ def diagnose(problem, u, reason, norm, loose=()):
         Of the residual [force].
     loose : collection of int
         Connected components that supports leave free.
+    direct : bool
+        Whether linear systems are factorised.
 
     Returns
     -------
@@ -69,11 +71,12 @@ def diagnose(problem, u, reason, norm, loose=()):
     if part >= YIELDED:
         found.append(f"{100.0 * part:.0f} % of what may yield does: the load may be beyond the limit load")
     if reason == FAILED:
-        words = _unheld(problem, u, loose) or "bodies that nothing holds"
-        found.append(
-            f"the tangent is singular or nearly so: {words}, a limit load, or a gamma0 below the bound of coercivity; "
-            "another solver: -pc_type lu"
-        )
+        causes = [_unheld(problem, u, loose) or "bodies that nothing holds", "a limit load"]
+        # theta = -1 is coercive for every gamma0, and springs are
+        if any(one.method.has_traction and one.method.theta > -1.0 for one in problem.contacts):
+            causes.append("a gamma0 below the bound of coercivity")
+        words = f"the tangent is singular or nearly so: {', '.join(causes[:-1])} or {causes[-1]}"
+        found.append(words + ("" if direct else "; another solver: -pc_type lu"))
     if not found and loose:
         found += [words for words in [_unheld(problem, u, loose)] if words]
     return found

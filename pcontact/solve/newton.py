@@ -428,7 +428,8 @@ class Newton:
     def _detail(self, reason, norm):
         """What a user should look at. *Collective.*"""
         value, point, body = self.problem.forces.worst(self._f)
-        parts = diagnose(self.problem, self.snes.getSolution(), reason, norm, self._loose)
+        direct = preconditioner(self.snes.getKSP()).getType() in ("lu", "cholesky")
+        parts = diagnose(self.problem, self.snes.getSolution(), reason, norm, self._loose, direct)
         parts.append(f"largest residual {value:.3e} at {np.array2string(point, precision=4)} in body {body}")
         for contact in self.problem.contacts:
             last = contact.space.comm.allreduce(np.array(([0, 0, 0] + contact.flips)[-3:]))

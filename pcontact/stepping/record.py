@@ -137,7 +137,7 @@ class Recorder:
             record["pretensions"] = {one.name: one.record(moved, forces, step.time) for one in features.sections}
         if problem.space.axisymmetric:
             _name_components(record)
-        self._warn_of_lost(step.time, record["contacts"])
+        self._warn_of_lost(step, record["contacts"])
         if step.uzawa is not None:
             record["uzawa"] = step.uzawa
         if any(item.verifies for item in problem.others):
@@ -176,16 +176,17 @@ class Recorder:
                     100.0 * max(total, residual) / max(self.carried, np.finfo(float).tiny), why)  # fmt: skip
         return imbalance
 
-    def _warn_of_lost(self, time, contacts):
+    def _warn_of_lost(self, step, contacts):
         """Say once of every contact that its points were misled by partners that stay during a load step."""
+        time, unverified = step.time, step.partners is None and any(one.verifies for one in self._problem.others)
         for name, contact in contacts.items():
             passed, left = contact["passed"], contact["left"]
             if (passed or left) and name not in self._told:
                 self._told.add(name)
                 log.warning(
                     "time %g: contact %s: %d points are inside their partner that were open, %d that were closed have "
-                    "left theirs: bodies went far in a load step; smaller load steps, or no -contact_search_again 0",
-                    time, name, passed, left,
+                    "left theirs: bodies went far in a load step; smaller load steps%s",
+                    time, name, passed, left, ", or no -contact_search_again 0" if unverified else "",
                 )  # fmt: skip
         for contact in self._problem.contacts:
             if contact.overlap > DEEPER and (contact.name, "overlap") not in self._told:
@@ -226,10 +227,14 @@ class Recorder:
         there = max(abs(value) for value in energy.values() if not isinstance(value, dict))
         made = -sum(energy.get("contacts", {}).values()) - energy["numerical"] if self._parted > PARTED else 0.0
         part = made / max(there, np.finfo(float).tiny)
+        inertia, methods = self._problem.features.inertia, [one.method for one in self._problem.contacts]
+        remedies = ["load steps that resolve the impact" + ("" if inertia.controls else " (step_error)")]
+        if any(one.has_traction and one.theta != 1.0 for one in methods):
+            remedies.append("theta = 1")
+        remedies += ["smaller cells where bodies meet", *([] if inertia.damps else ['integrator = "hht"'])]
         found = {
             "is missing in their balance: remedy: smaller load steps": abs(energy["defect"]),
-            "has come from nowhere, by contact and integrator: remedy: load steps that resolve the impact "
-            '(step_error), theta = 1 and integrator = "hht", smaller cells where bodies meet': part,
+            f"has come from nowhere, by contact and integrator: remedy: {', '.join(remedies)}": part,
         }
         for words, part in found.items():
             if part > ENERGY_PART and words not in self._told:

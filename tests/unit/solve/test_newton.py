@@ -184,3 +184,13 @@ def test_what_is_soft_converges_though_rounding_errors_of_what_is_stiff_hide_it(
     problem = FewUnknowns(2, residual, tangent, 1.0, lambda u: np.array([1e12 * (abs(u[0]) + 1.0), 1.0]))
     result, u = solved(problem, np.zeros(2))
     assert result.converged and abs(residual(u)[1]) < 1e-6
+
+
+@pytest.mark.parametrize("chosen", ["lu", "cholesky", "jacobi"])
+def test_a_linear_solve_that_fails_is_told_of_what_may_help(chosen):
+    """Neither of the solver that it has, nor of a gamma0 where nothing has one."""
+    problem = FewUnknowns(1, lambda u: u - 1.0, lambda u: np.zeros((1, 1)))
+    options = {"ksp_type": "gmres", "ksp_max_it": 3} if chosen == "jacobi" else {}
+    result, _ = solved(problem, [0.0], pc_type=chosen, **options)
+    assert not result.converged and "singular" in result.detail and "gamma0" not in result.detail
+    assert ("-pc_type lu" in result.detail) == (chosen == "jacobi")
