@@ -479,6 +479,14 @@ def _surfaces(case, contact):
     return [(mesh.facets[one], body_of(mesh, other)), (mesh.facets[other], body_of(mesh, one))]
 
 
+def strain(record):
+    """Largest strain [-] that the report names: so far apart, in parts of a facet, points press by Nitsche's method
+    where the stress of their cell exceeds gamma, at least its modulus over its size, times the gap."""
+    finite = [abs(one[key] - 1.0) for one in record.get("finite_strain", {}).values()
+              for key in ("largest_stretch", "smallest_stretch")]  # fmt: skip
+    return max([*finite, *(one["strain"] for one in record.get("small_strain", {}).values())], default=0.0)
+
+
 def penetration(case, result):
     """Nodes inside the partner: (kind, text)."""
     found, mesh = [], case.mesh
@@ -519,7 +527,7 @@ def penetration(case, result):
                     found.append(("inside", f"time {row['record']['time']:g}: a node of {name} at {where} is "
                                             f"{depth / size:.2f} of a facet inside {body}"))  # fmt: skip
                 near = 0.0 if inside.any() else float(distances(_samples(own), pieces).min())
-                apart = min(apart, near - APART * size)
+                apart = min(apart, near - (APART + strain(row["record"])) * size)
             least = 1e-9 * case.stress * case.length ** (2 if case.axial or case.dim == 3 else 1)
             if np.isfinite(apart) and apart > 0.0 and force > least and not _glued(case, name):
                 found.append(("force without touch", f"time {row['record']['time']:g}: {name} bears {force:.1e} "
