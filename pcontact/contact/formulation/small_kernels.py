@@ -141,34 +141,40 @@ def _weigh(force, traction, normal, gamma, alpha, factor, out):
 
 
 class _Work(NamedTuple):
-    """What is computed anew for each point, of its nr = nn + nt nodes.
+    """What is computed anew: of each point with its nr nodes, and the sum over points of the same nodes.
 
     Attributes
     ----------
     part : ndarray (nr,)
         N: shape functions of the nodes of its parent cell, minus those of the nodes of its partner.
-    real : ndarray (nr, m, d)
+    real : ndarray (m, nr d)
         S [stress/length].
     stiff, inverse : ndarray (m, m)
         D G [stress/length], G^-1.
-    pull, weak : ndarray (nr, m, d)
-        D (G N - S) [stress/length], G^-1 (D G N + (I - D) S).
-    push : ndarray (nr, d, d)
-        The first one in all directions of space.
+    left, right : ndarray (2 m, nr d)
+        The tangent is left^T right: N along the axes and -theta T, times D (G N - S) [stress/length] and
+        G^-1 (D G N + (I - D) S).
+    total : ndarray (nr d, nr d)
+        Of the points so far.
+    felt : ndarray (nr,) of bool
+        Nodes that they test: those of the cells that are not on their facets feel nothing at theta = 0.
     """
 
     part: np.ndarray
     real: np.ndarray
     stiff: np.ndarray
     inverse: np.ndarray
-    pull: np.ndarray
-    weak: np.ndarray
-    push: np.ndarray
+    left: np.ndarray
+    right: np.ndarray
+    total: np.ndarray
+    felt: np.ndarray
 
 
 @njit
 def add_tangent(parameters, source, partner, operator, excess, status, slope, blocks):
     """Add the generalised Jacobian of the pair to block values; returns how many entries had no place.
+
+    Points in a row that have the same nodes are added to each other first.
 
     Parameters
     ----------
@@ -186,56 +192,84 @@ def add_tangent(parameters, source, partner, operator, excess, status, slope, bl
     m, d = operator.axes.shape[1], operator.axes.shape[2]
     n = source.cells.shape[1] + partner.nodes.shape[1]
     work = _Work(
-        np.zeros(n), np.zeros((n, m, d)), np.zeros((m, m)), np.zeros((m, m)), np.zeros((n, m, d)),
-        np.zeros((n, m, d)), np.zeros((n, d, d)),
+        np.zeros(n), np.zeros((m, n * d)), np.zeros((m, m)), np.zeros((m, m)), np.zeros((2 * m, n * d)),
+        np.zeros((2 * m, n * d)), np.zeros((n * d, n * d)), np.zeros(n, np.bool_),
     )  # fmt: skip
     theta, alpha, gamma = parameters.theta, parameters.alpha, parameters.gamma
-    part, real, weak, push = work.part, work.real, work.weak, work.push
-    facet, cells, shape, jxw, nodes, at = source.facet, source.cells, source.shape, source.jxw, partner.nodes, excess.at
-    rows, axes, last = operator.rows, operator.axes, len(operator.axes) - 1
-    rowptr, columns, values = blocks.rowptr, blocks.columns, blocks.values
-    nn, on, missing = cells.shape[1], partner.shape.shape[1], 0
-    for p in range(len(facet)):
-        f = facet[p]
+    nn, on, missing, first, most = source.cells.shape[1], partner.shape.shape[1], 0, -1, 0
+    for p in range(len(source.facet)):
         touches = status[p] > 0
         if not touches and theta == 0.0:
             continue
+        if first < 0 or not _alike(source.facet, partner.nodes, first, p):
+            if first >= 0:
+                missing += _scatter(source.cells[source.facet[first]], partner.nodes[first], most, work, blocks)
+            first, most = p, 0
         _stiffness(slope[p], operator.normal[p], gamma[p], alpha[p], work.stiff, work.inverse)
         # other nodes of the partner's cell count where it has a part in the traction
         width = max(operator.width[p], nn + on) if touches else operator.width[p]
-        exceeds = len(at) > 0 and at[p] >= 0
+        most = max(most, width)
         for r in range(width):
-            part[r] = shape[p, r] if r < nn else -partner.shape[p, r - nn] if r < nn + on else 0.0
-            for k in range(m):
-                for j in range(d):
-                    own = rows[p, r, k, j] if r < rows.shape[1] else 0.0
-                    real[r, k, j] = own + (excess.rows[at[p], r, k, j] if exceeds and r < excess.rows.shape[1] else 0.0)
-        _columns(theta, width, slope[p], axes[min(p, last)], work)
-        # the adjoint operator is T, or S
-        consistent = exceeds and at[p] >= excess.adjoint
-        for r in range(width):
-            # nodes of the cells that are not on their facets feel nothing at theta = 0
-            if theta == 0.0 and part[r] == 0.0:
+            work.part[r] = source.shape[p, r] if r < nn else -partner.shape[p, r - nn] if r < nn + on else 0.0
+        _factors(theta, p, width, source.jxw[p], operator, excess, work)
+        _right(theta, width, slope[p], operator.axes[min(p, len(operator.axes) - 1)], work)
+        for a in range(width * d):
+            for k in range(2 * m if theta != 0.0 else m):
+                left = work.left[k, a]
+                for b in range(width * d):
+                    work.total[a, b] += left * work.right[k, b]
+    if first >= 0:
+        missing += _scatter(source.cells[source.facet[first]], partner.nodes[first], most, work, blocks)
+    return missing
+
+
+@njit_inner
+def _alike(facet, nodes, p, q):
+    """Whether two points have the same nodes."""
+    if facet[p] != facet[q]:
+        return False
+    for a in range(nodes.shape[1]):
+        if nodes[p, a] != nodes[q, a]:
+            return False
+    return True
+
+
+@njit_inner
+def _factors(theta, p, width, jxw, operator, excess, work):
+    """S and the left factors of the first nodes of a point."""
+    rows, axes, part, m, d = operator.rows, operator.axes, work.part, operator.axes.shape[1], operator.axes.shape[2]
+    e, row = min(p, len(axes) - 1), excess.at[p] if len(excess.at) > 0 else -1
+    # the adjoint operator is T, or S
+    consistent = row >= 0 and row >= excess.adjoint
+    for r in range(width):
+        for k in range(m):
+            for j in range(d):
+                own = rows[p, r, k, j] if r < rows.shape[1] else 0.0
+                real = own + (excess.rows[row, r, k, j] if row >= 0 and r < excess.rows.shape[1] else 0.0)
+                work.real[k, r * d + j] = real
+                work.left[k, r * d + j] = jxw * part[r] * axes[e, k, j]
+                work.left[m + k, r * d + j] = -theta * jxw * (real if consistent else own)
+        work.felt[r] = work.felt[r] or part[r] != 0.0 or theta != 0.0
+
+
+@njit_inner
+def _scatter(cell, partner, width, work, blocks):
+    """Add the total of points whose nodes are those of a cell and of a partner to blocks, and begin anew; returns how
+    many of its entries had no place."""
+    nn, d, missing, total = len(cell), blocks.values.shape[1], 0, work.total
+    for r in range(width):
+        row = cell[r] if r < nn else partner[r - nn]
+        for c in range(width if work.felt[r] else 0):
+            column = cell[c] if c < nn else partner[c - nn]
+            k = find(blocks.columns, blocks.rowptr[row], blocks.rowptr[row + 1], column)
+            if k < 0:
+                missing += 1
                 continue
-            row = cells[f, r] if r < nn else nodes[p, r - nn]
-            adjoint, tested = 0.0, real[r]
-            if theta != 0.0 and (consistent or r < rows.shape[1]):
-                adjoint = theta
-                if not consistent:
-                    tested = rows[p, r]
-            for c in range(width):
-                column = cells[f, c] if c < nn else nodes[p, c - nn]
-                k = find(columns, rowptr[row], rowptr[row + 1], column)
-                if k < 0:
-                    missing += 1
-                    continue
-                for i in range(d):
-                    for j in range(d):
-                        value = part[r] * push[c, i, j]
-                        if adjoint != 0.0:
-                            for n in range(m):
-                                value -= adjoint * tested[n, i] * weak[c, n, j]
-                        values[k, i, j] += jxw[p] * value
+            for i in range(d):
+                for j in range(d):
+                    blocks.values[k, i, j] += total[r * d + i, c * d + j]
+        work.felt[r] = False
+    total[: width * d, : width * d] = 0.0
     return missing
 
 
@@ -255,29 +289,22 @@ def _stiffness(slope, normal, gamma, alpha, stiff, inverse):
 
 
 @njit_inner
-def _columns(theta, width, slope, axes, work):
-    """For the first nodes: pull = D (G N - S),  weak = G^-1 (D G N + (I - D) S),  push = pull in space."""
-    part, real, stiff, inverse, pull, weak, push = (
-        work.part, work.real, work.stiff, work.inverse, work.pull, work.weak, work.push
-    )  # fmt: skip
+def _right(theta, width, slope, axes, work):
+    """The right factors of the first nodes: D (G N - S),  G^-1 (D G N + (I - D) S)."""
+    part, real, stiff, inverse, right = work.part, work.real, work.stiff, work.inverse, work.right
     m, d = axes.shape
-    for c in range(width):
-        for k in range(m):
+    for k in range(m):
+        for c in range(width):
             for j in range(d):
                 value = 0.0
                 for n in range(m):
-                    value += part[c] * stiff[k, n] * axes[n, j] - slope[k, n] * real[c, n, j]
-                pull[c, k, j] = value
-        for i in range(d):
-            for j in range(d):
-                push[c, i, j] = 0.0
-                for k in range(m):
-                    push[c, i, j] += axes[k, i] * pull[c, k, j]
-        if theta == 0.0:
-            continue
-        for k in range(m):
-            for j in range(d):
-                value = 0.0
-                for n in range(m):
-                    value += inverse[k, n] * (pull[c, n, j] + real[c, n, j])
-                weak[c, k, j] = value
+                    value += part[c] * stiff[k, n] * axes[n, j] - slope[k, n] * real[n, c * d + j]
+                right[k, c * d + j] = value
+    if theta == 0.0:
+        return
+    for k in range(m):
+        for b in range(width * d):
+            value = 0.0
+            for n in range(m):
+                value += inverse[k, n] * (right[n, b] + real[n, b])
+            right[m + k, b] = value
