@@ -68,6 +68,8 @@ class Inertia(Item):
         self.velocity, self.acceleration, self.force = (np.zeros((space.n_owned, space.dim)) for _ in STATE)
         # of the last step; whether it goes on: if not, forces are those of the state
         self._since, self._size, self._begin, self._goes_on = 0.0, 0.0, np.zeros_like(self.velocity), False
+        # a step, and the tangent of steps of this size
+        self._linear = np.nan, None
         self.begun, self.damps, self.controls = False, weights.velocity[1] > 0.5, step_error is not None
 
     # -- a step -----------------------------------------------------------------------------------------------------
@@ -151,15 +153,17 @@ class Inertia(Item):
         out += self.mass.magnitude(way / (size**2 * last))
 
     def tangent(self, u, rule=LAW):
-        """Values (nnz, d, d) on :meth:`pattern`; between steps none, for small motions about the state."""
-        if not self._goes_on:
-            return np.zeros_like(self.mass.values)
-        size, weights = self._size, self._weights
-        last = size * weights.displacement[1]
-        values = (1.0 - weights.mass) / (1.0 - weights.force) / (size * last) * self.mass.values
-        if self._damping is None:
-            return values
-        return values + weights.velocity[1] / last * self.mass.spread(self._damping)
+        """Values (nnz, d, d) on :meth:`pattern`, the same object for steps of the same size; between steps none, for
+        small motions about the state."""
+        size, weights = self._size if self._goes_on else 0.0, self._weights
+        if size != self._linear[0]:
+            last = size * weights.displacement[1]
+            mass = 0.0 if size == 0.0 else (1.0 - weights.mass) / (1.0 - weights.force) / (size * last)
+            values = mass * self.mass.values
+            if self._damping is not None and size > 0.0:
+                values += weights.velocity[1] / last * self.mass.spread(self._damping)
+            self._linear = size, values
+        return self._linear[1]
 
     # -- the beginning ----------------------------------------------------------------------------------------------
 

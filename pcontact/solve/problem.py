@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from operator import is_not
 
 import numpy as np
 
@@ -525,7 +526,7 @@ class Problem:
         self.linear = not any(item.changes for item in items)
         self.active = ActiveSets(space, self.others, self.bulk.yields)
         self.forces, self.prediction = Forces(self, loads), Prediction(self)
-        self._versions, self.pattern_changes = None, 0
+        self._versions, self.pattern_changes, self._terms, self._bodies = None, 0, [], None
 
     @property
     def parts(self):
@@ -594,14 +595,25 @@ class Problem:
             if versions != self._versions:
                 self._renew()
                 self._versions = versions
-            self.matrix.write(stiffness, self._sum(values), self._added if added is None else added)
+            self.matrix.write(*self._sums(stiffness, values), self._added if added is None else added)
         profile.mark("assembly")
 
     def _renew(self):
-        self._joined = JoinedPattern([item.pattern() for item in self.others], self.space.n_owned)
-        if self.matrix.renew(self.bulk.pattern(), (self._joined.rowptr, self._joined.columns)):
+        """Items with the pattern of the bodies add to their values, and only where others are, rows are written anew
+        as long as these stay the same."""
+        bodies, patterns = self.bulk.pattern(), [item.pattern() for item in self.others]
+        self._with_bodies = [all(map(np.array_equal, one, bodies)) for one in patterns]
+        apart = [one for one, within in zip(patterns, self._with_bodies, strict=True) if not within]
+        self._joined = JoinedPattern(apart, self.space.n_owned)
+        if self.matrix.renew(bodies, (self._joined.rowptr, self._joined.columns)):
             self.pattern_changes += 1
 
-    def _sum(self, values):
+    def _sums(self, stiffness, values):
+        """Values (nnz, d, d) on the pattern of the bodies, the same object where they are those of the last time, and
+        on that of all else."""
+        terms = [stiffness, *(one for one, within in zip(values, self._with_bodies, strict=True) if within)]
+        apart = [one for one, within in zip(values, self._with_bodies, strict=True) if not within]
+        if len(terms) > 1 and (len(terms) != len(self._terms) or any(map(is_not, terms, self._terms))):
+            self._terms, self._bodies = terms, sum(terms[1:], terms[0])
         d = self.space.dim
-        return self._joined.sum(values) if values else np.zeros((0, d, d))
+        return stiffness if len(terms) == 1 else self._bodies, self._joined.sum(apart) if apart else np.zeros((0, d, d))

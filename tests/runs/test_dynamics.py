@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from meshes import one_block
+from pcontact.assembly import matrix
 from pcontact.io.checkpoint import NAME
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import MPI
@@ -24,7 +25,7 @@ from pcontact.scene.model import (
     Steps,
 )
 from pcontact.simulation import Simulation
-from tests.support.dynamics import HEIGHT, bar, collision, make
+from tests.support.dynamics import FALL, HEIGHT, bar, collision, make
 from tests.support.restarts import STOP, Keep, run
 
 WORLD, SELF = MPI.COMM_WORLD, MPI.COMM_SELF
@@ -199,3 +200,22 @@ def test_a_velocity_that_a_mean_motion_does_not_admit(shared_tmp):
     alone = run(scene, SELF, shared_tmp / f"alone{WORLD.rank}")[-1]["energy"]
     for key, value in energy.items():
         assert alone[key] == pytest.approx(value, rel=1e-7, abs=1e-9)
+
+
+def test_rows_of_the_bodies_are_written_once_a_step(tmp_path, monkeypatch):
+    """Inertia is linear: after that, those of contact alone are, as without inertia."""
+    rows, write = [], matrix._write
+    monkeypatch.setattr(matrix, "_write", lambda *arguments: rows.append(len(arguments[0])) or write(*arguments))
+    simulation = Simulation(bar(tmp_path, 20, HEIGHT / FALL + 0.1))
+    try:
+        assert simulation.run(None, [])
+        problem, u, rows[:] = simulation.problem, simulation.stepper.u, []
+        for time in (1.0, 1.1):
+            for item in problem.items:
+                item.detect(u, time)
+            problem.tangent(u)
+            problem.tangent(u)
+        nodes = problem.space.n_owned
+    finally:
+        simulation.close()
+    assert rows[0] == rows[2] == nodes and 0 < rows[1] == rows[3] < nodes // 2
