@@ -7,7 +7,7 @@ from pcontact.contact.motion import DEEPER
 from pcontact.material.elastic import equivalent_stress
 from pcontact.runtime import log
 from pcontact.runtime.petsc import MPI
-from pcontact.solve.convergence import NEARLY
+from pcontact.solve.convergence import MOVED, NEARLY
 from pcontact.solve.problem import ROUNDINGS
 from pcontact.stepping.loose import Announcer
 
@@ -164,6 +164,10 @@ class Recorder:
             if problem.forces.acts(u, borne, NEARLY * ROUNDINGS):
                 self._warn_of_rounding(time, u)
             return imbalance
+        acts = problem.forces.loaded(u) > 0.0 or any(c["stick"] + c["slip"] for c in record["contacts"].values())
+        if not acts and max(total, residual) <= MOVED * problem.forces.stiffness_scale(u):
+            # bodies that move and do not touch: what Newton's method leaves is no part of any force
+            return 0.0
         rounded = NEARLY * ROUNDINGS * problem.forces.roundoff(u)
         if total > ROUNDINGS * problem.forces.rounding_of_sum(u) or residual > rounded:
             why = "the residual that the tolerances leave does: smaller ones (-snes_rtol), or smaller load steps"
