@@ -44,6 +44,7 @@ from pcontact.stepping.loose import LooseBodies
 from pcontact.stepping.partner_update import load_steps
 from pcontact.stepping.record import Recorder
 from pcontact.stepping.schedule import Control, Schedule
+from pcontact.stepping.snaps import Snaps
 from pcontact.stepping.stepper import Stages, Stepper
 
 
@@ -384,7 +385,8 @@ class Simulation:
         self._watch = [one for one in watch if one is not None]
         low, high = bounding_box(self.comm, space.mesh.points)
         places = np.array(list(product(*zip(low, high, strict=True))) + [0.5 * (low + high)])
-        stages = Stages(self.begin, self.solve, self.rest, self.energy)
+        through = None if self.problem.features.snap is None else Snaps(self.problem, self.energy)
+        stages = Stages(self.begin, self.solve, self.rest, self.energy, through)
         self.stepper = Stepper(
             self.problem, self.newton, schedule, self._watch, recorder, self.timing, drive(scene, places), stages
         )  # fmt: skip

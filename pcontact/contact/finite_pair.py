@@ -258,11 +258,11 @@ class FinitePair(ContactPair):
         jump -= np.einsum("pm,pmd->pd", p.target_shape, values[p.targets])
         p.gap0[:] = gap + np.einsum("pd,pd->p", jump, p.normal)
 
-    def _couples(self, closed):
+    def _couples(self, closed, wide):
         """Also points that are open, where the closest point's normal stands in their adjoint term."""
         if self.method.theta != 0.0 and not self.rigid:
             return self.pairing.paired
-        return super()._couples(closed)
+        return super()._couples(closed, wide)
 
     def strays(self, u):
         """Whether a point that was closed in the last tangent is beyond the facet of its partner. *Collective.*

@@ -274,7 +274,8 @@ class ContactPair(Item):
         self._take_gap(self.pairing.exchange.gather(expected), gap)
         # half of the motion closes points (see APPROACH in `pcontact.solve.newton`) before contact pushes them back
         near = clear <= 0.5 * size + np.minimum(0.55 * moves, FORESEEN * size)
-        self.rows.renew(self.pairing, self._couples(near), self.terms.wide(self.pairing), self.method.theta != 0.0)
+        wide = self.terms.wide(self.pairing)
+        self.rows.renew(self.pairing, self._couples(near, wide), wide, self.method.theta != 0.0)
         self._start_step(u, time)
 
     def _start_step(self, u, time):
@@ -321,11 +322,11 @@ class ContactPair(Item):
         cells = np.ascontiguousarray(np.searchsorted(unique, source_nodes).astype(np.int64))
         self._planned = space.exchange(unique), cells, unique
 
-    def _couples(self, closed):
-        """Points that may need an entry in the matrix for both sides, among them those that are ``closed``."""
+    def _couples(self, closed, wide):
+        """Points that may need an entry in the matrix for both sides, among them those that are ``closed``; `wide`:
+        with the cell of their partner."""
         # a bound that does not follow the pressure acts wherever there is a partner, as the adjoint of its cell does
-        wide = self.terms.wide(self.pairing) & (self.method.theta != 0.0)
-        return self.pairing.paired & (closed | (not self.law.follows_pressure) | wide)
+        return self.pairing.paired & (closed | (not self.law.follows_pressure) | (wide & (self.method.theta != 0.0)))
 
     def renew(self, u, before, time, firm=False, tolerance=0.0):
         """See :meth:`pcontact.assembly.item.Item.renew`. *Collective.*"""
@@ -398,10 +399,10 @@ class ContactPair(Item):
         """Values (nnz, d, d) on :meth:`pattern`, which grows when a point closes that was thought far. *Collective.*"""
         p, view, rows = self.pairing, self.view(rule), self.rows
         values = p.exchange.gather(u)
-        slopes, status = self.terms.slopes(p, values, view)
-        new = self._couples(status > OPEN) & ~rows.coupled
+        (slopes, status), wide = self.terms.slopes(p, values, view), self.terms.wide(p)
+        new = self._couples(status > OPEN, wide) & ~rows.coupled
         if self.space.comm.allreduce(bool(new.any()), op=MPI.LOR):
-            rows.renew(p, rows.coupled | new, self.terms.wide(p), self.method.theta != 0.0)
+            rows.renew(p, rows.coupled | new, wide, self.method.theta != 0.0)
         if self.status is not None:
             self.flips.append(int(np.sum(status != self.status)))
         self.status, blocks = status, rows.blocks()

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pcontact.runtime import log, profile
+from pcontact.runtime import profile
 from pcontact.runtime.errors import StepFailure
 
 # [-] Bodies are expected to move on by so many times their last motion at most. From: a load step is at most twice as
@@ -81,12 +81,15 @@ class Stages(NamedTuple):
         After that, says where bodies are that nothing holds, see :class:`pcontact.stepping.loose.LooseBodies`.
     energy : pcontact.stepping.energy.EnergyBalance, optional
         Sums up the works of the load step.
+    through : pcontact.stepping.snaps.Snaps, optional
+        Leads bodies on that find no equilibrium.
     """
 
     start: Callable | None = None
     solve: Callable | None = None
     rest: Callable | None = None
     energy: object = None
+    through: Callable | None = None
 
 
 class Stepper:
@@ -177,9 +180,14 @@ class Stepper:
             committed = self.u.copy()
             result = self._attempt(target, committed)
             stuck = not (result.converged or result.final or self.schedule.divides(target))
-            if stuck and self.problem.features.snap is not None:
-                result, committed, begin = self._through(target, result, committed)
-                cutbacks += 1
+            if stuck and self._stages.through is not None:
+                for observer in self.observers:
+                    observer.cut(target, result)
+                self._last = None
+                committed.copy(self.u)
+                result, committed = self._stages.through(self.u, begin, target, result, self._attempt)
+                # works are summed up to the last step of the motion
+                begin, cutbacks = target, cutbacks + 1
             error = max((item.error(self.u) for item in self.problem.others), default=0.0) if result.converged else 0.0
             if self.schedule.refuses(target, error):
                 result = replace(result, converged=False, reason=f"a local error of {error:.2g} times the allowed one")
@@ -219,60 +227,6 @@ class Stepper:
                     f"{'; ' if result.detail else ''}{result.detail})"
                 )
 
-    def _through(self, target, failed, committed):
-        """Lead bodies that find no equilibrium at the loads of a time to the next one, with inertia. *Collective.*
-
-        Parameters
-        ----------
-        target : float
-            Time of the loads, which stand still.
-        failed : pcontact.solve.result.NewtonResult
-            Of the load step to there.
-        committed : PETSc.Vec
-            The committed displacement.
-
-        Returns
-        -------
-        result : pcontact.solve.result.NewtonResult
-            Of the load step in which the bodies rest again; of that which failed if they find no rest.
-        before : PETSc.Vec
-            The committed displacement from which it has begun.
-        begin : float
-            Time up to which works are summed up.
-        """
-        snap, begin, taken = self.problem.features.snap, self.schedule.time, self.problem.features.snap.taken.carried
-        log.info("time %.6g: no equilibrium near by (%s): on with inertia, until bodies rest", target, failed.reason)
-        for observer in self.observers:
-            observer.cut(target, failed)
-        committed.copy(self.u)
-        self._last = None
-        snap.release()
-        while True:
-            before = self.u.copy()
-            result = self._attempt(target, before)
-            if not result.converged:
-                before.copy(self.u)
-                if snap.shorten():
-                    continue
-                snap.hold()
-                reason = f"{failed.reason}; nor did bodies that move find rest ({result.reason})"
-                return replace(failed, reason=reason, final=True), before, begin
-            if self._stages.energy is not None:
-                self._unbalanced(before, begin, target)
-            begin = target
-            for item in self.problem.items:
-                item.commit(self.u, target)
-            if not snap.rests(result.newton):
-                continue
-            before, step = self.u.copy(), snap.hold()
-            result = self._attempt(target, before)
-            if result.converged:
-                log.info("time %.6g: bodies rest after %d steps of their motion, which has taken an energy of %.6g",
-                         target, snap.steps, snap.taken.carried - taken)  # fmt: skip
-                return result, before, begin
-            before.copy(self.u)
-            snap.go_on(step)
-
     def _tells(self, target):
         """Whether observers are told of the load step that ends at a time."""
         if self.every or self.schedule.ends(target):
@@ -285,7 +239,7 @@ class Stepper:
             observer.iterate(self.number + 1, self.problem.time, norms)
 
     def _attempt(self, target, before):
-        start, (begin, solve, rest, _) = clock.perf_counter(), self._stages
+        start, (begin, solve, rest, *_) = clock.perf_counter(), self._stages
         moves = self.problem.features.snap is not None and self.problem.features.snap.moves
         expected = self._expected(target) if begin is None else self._as_vector(begin(target))
         self.problem.time = target
