@@ -29,7 +29,7 @@ class Measure:
 
     def __init__(self, target, settings, passes):
         self._target, self._settings, self._passes = target, settings, passes
-        self._secondary, self._effectivity = Secondary(target, settings), Effectivity(target)
+        self._secondary, self._effectivity, self._last = Secondary(target, settings), Effectivity(target), None
 
     def __call__(self, simulation, watch, seconds):
         """What a pass has shown. *Collective.*
@@ -49,7 +49,7 @@ class Measure:
         """
         space, mesh, comm = simulation.problem.space, simulation.mesh, simulation.comm
         norm = watch.norm if watch.norm > 0.0 else 1.0
-        estimate, size, found, part = watch.absolute / norm, norm, None, 1.0
+        estimate, size, found, likely, part = watch.absolute / norm, norm, None, 0.0, 1.0
         beside = {"algebraic": watch.algebraic / norm}
         loads, forces = simulation.error_estimate.of_loads(watch.time, 0.5 * NOTICED * self._settings.goal * norm)
         beside["loads"] = loads / norm
@@ -76,17 +76,38 @@ class Measure:
             part=part,
         )  # fmt: skip
         self._add_loads(comm, watch, forces, done.parts)
-        others, toward = self._secondary.parts(simulation, watch, done, size)
+        self._last = found, likely, size
+        self._sum_up(simulation, watch, done, False)
+        return done
+
+    @property
+    def complete(self):
+        """Whether the errors that the mesh has no part in are known."""
+        return self._secondary.known
+
+    def finish(self, simulation, watch):
+        """Measure the errors that the mesh has no part in where no pass has been near the target. *Collective.*"""
+        if not self.complete:
+            before, done = set(self._passes[-1].parts), self._passes[-1]
+            self._sum_up(simulation, watch, done, True)
+            others = {name: found for name, found in done.parts.items() if name not in before}
+            for one in self._passes[:-1]:
+                one.parts = one.parts | others
+                one.error, one.expected = one.error + sum(others.values()), one.expected + sum(others.values())
+
+    def _sum_up(self, simulation, watch, done, last):
+        """Add the errors that the mesh has no part in, and enter the sum. *Collective.*"""
+        (found, likely, size), before = self._last, [one for one in self._passes if one is not done]
+        others, toward = self._secondary.parts(simulation, watch, done, size, last)
         done.parts |= others
         self._add_facets(simulation, watch, done.parts)
         done.error = sum(done.parts.values())
         if found is not None:
-            done.quantity = self._quantity(found, likely, toward * size)
+            done.quantity = self._quantity(found, likely, toward * size, before)
             if self._effectivity.told:
                 done.quantity["told_by"] = self._effectivity.told
             found = found._replace(error=likely)
         done.expected = self._expected(done, found, toward, size)
-        return done
 
     def _size(self, simulation, watch, value):
         """What errors of a quantity are divided by: its size, but not that of rounding errors where it is zero.
@@ -168,13 +189,13 @@ class Measure:
         ratio = (large / parts["mesh"]) ** 2 if parts["mesh"] > 0.0 else 1.0
         watch.squares = watch.squares + ratio * (sums[1] or 1.0) / (sums[0] or 1.0) * own
 
-    def _quantity(self, found, likely, toward):
+    def _quantity(self, found, likely, toward, before):
         """Value of a quantity, and what it is extrapolated to, with an uncertainty. `likely`: the error of the mesh as
-        it is expected, `toward`: what settings beside the mesh change, with signs."""
+        it is expected, `toward`: what settings beside the mesh change, with signs; `before`: earlier passes."""
         if self._target.quantity == "pressure":
             return {"value": found.value, "error": found.error}
         best = found.value + likely + found.loads + found.algebraic + toward
         # what is left of the estimate's own error; and, once there are two, by how much such values differ
-        others = [abs(one.quantity["extrapolated"] - best) for one in self._passes[-1:]]
+        others = [abs(one.quantity["extrapolated"] - best) for one in before[-1:]]
         unsure = max([0.5 * (abs(found.error) + abs(toward)), *others])
         return {"value": found.value, "error": found.error, "extrapolated": best, "uncertainty": unsure}

@@ -12,8 +12,9 @@ from pcontact.adapt.decide import FAILED, REACHED, SPENT, Decision
 from pcontact.adapt.errors import Measure
 from pcontact.adapt.history import Beginning, Watch
 from pcontact.adapt.kept import keep
-from pcontact.adapt.passes import ended, line, report
+from pcontact.adapt.passes import ended, line, report, said_of
 from pcontact.adapt.refining import Refining
+from pcontact.adapt.secondary import ALL
 from pcontact.adapt.settings import Settings
 from pcontact.runtime import log, profile
 from pcontact.runtime.errors import TOLD, InputError, SolverError
@@ -216,6 +217,8 @@ class Loop:
                 status = self._look_ahead(simulation, watch, done, step)
             if status is None:
                 mesh, known, status = self._onward(simulation, watch, done, step)
+            if status is not None and not self._looks_ahead:
+                self._measure.finish(simulation, watch)
             done.seconds = clock.perf_counter() - begun
             log.info("%s", line(self.passes, self.target))
             self._look_at(simulation, converged, status)
@@ -240,6 +243,8 @@ class Loop:
         if 0 < self.best < len(self.passes) and not self._looks_ahead:
             self._tell(status)
         if self.passes and not self._looks_ahead:
+            if not self._measure.complete:
+                log.warning("not known: how much of the error is that of %s", said_of(ALL))
             why = self._decision.why if failure is None else "the next mesh was not solved"
             log.info("%s", ended(self.passes, self.best, self.target, why))
         return status, failure

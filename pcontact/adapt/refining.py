@@ -81,8 +81,8 @@ class Refining:
         Parameters
         ----------
         scene : pcontact.scene.model.Scene
-            Its order becomes 2 where simplices of degree 1 would be too stiff, the mesh is straight, and the user does
-            not say.
+            Its order becomes 2 where the user does not say, and so many unknowns are few, or simplices of degree 1
+            would be too stiff.
 
         Raises
         ------
@@ -95,13 +95,15 @@ class Refining:
         own = {block.cell for block in mesh.blocks if len(block.nodes)}
         kinds = set().union(*self._comm.allgather(own))
         self.whole = not kinds <= set(SIMPLICES)
+        stiff = locking(scene, 1) if self.whole and not mesh.curved else None
+        why = self._settings.degree.few(mesh)
+        if stiff is not None:
+            why = f"{NAMES[mesh.dim]} of degree 1 would be too stiff in {stiff} (locking)"
+        if said is None and why:
+            scene.mesh.order = self._settings.degree.take(2, why)
+            mesh = build.read(scene, self._comm, self._options) if mesh.degree == 1 else mesh
         if not self.whole:
             return mesh
-        stiff = locking(scene, 1)
-        if said is None and not mesh.curved and stiff is not None:
-            why = f"{NAMES[mesh.dim]} of degree 1 would be too stiff in {stiff} (locking)"
-            scene.mesh.order = self._settings.degree.take(2, why)
-            mesh = build.read(scene, self._comm, self._options)
         if kinds <= set(HALVED):
             return mesh
         self.choice.must(kinds, mesh.dim)

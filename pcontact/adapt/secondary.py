@@ -2,15 +2,16 @@
 
 Load steps, searches within them, quadrature of contacts and, where the geometry is known, facets are refined together,
 beside the run without; the difference is the part of the error that is not of the mesh. Where it is more than a third
-of the target each setting is tried alone. It is measured again on a mesh with many more cells, or as long as it is
-large: nothing follows it from one mesh to another but the law that errors of load steps fall with their number.
+of the target each setting is tried alone. It is measured on the first mesh after which the next one may be the last,
+and again on one with many more cells, or as long as it is large: nothing follows it from one mesh to another but the
+law that errors of load steps fall with their number.
 
 Facets of the first mesh, which finer ones keep, are a part of their own: it is measured once, on that mesh. Where they
 are straight, on the outer surface of all bodies.
 """
 
 import time as clock
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -30,8 +31,9 @@ from pcontact.runtime.errors import TOLD
 from pcontact.runtime.observer import Observer
 from pcontact.simulation import Simulation
 
-# [-] Unknowns over those of the mesh that has told them, up to which they are taken to be the same. From: the cells of
-# the first meshes grow by as much, so that a mesh in the middle tells them for less than the last one would.
+# [-] Unknowns over those of the mesh that has told them, up to which they are taken to be the same, and growth with
+# which the next mesh may be the last. From: the cells of the first meshes grow by as much, so that a mesh in the middle
+# tells them for less than the last one would.
 COARSER = 8.0
 # [-] Degrees that the quadrature of contact is raised by, and part of the tolerance of searches. From: chosen; what
 # they leave is far below what they change.
@@ -173,9 +175,10 @@ def beyond(simulation, values):
     return change
 
 
-def of_facets(simulation, scene, target):
+def of_facets(simulation, scene, target, record):
     """What the smooth surfaces that straight facets stand for, all those of the bodies, change in a solution of degree
-    2 on the mesh of the file, as of :func:`change_to`. *Collective.*"""
+    2 on the mesh of the file, which is that of a simulation with a record where this has degree 2; as of
+    :func:`change_to`. *Collective.*"""
     comm, options = simulation.comm, simulation.options
     output = replace(scene.output, estimate=True, checkpoint=False)
     scene = replace(scene, mesh=replace(scene.mesh, order=2), output=output)
@@ -185,8 +188,9 @@ def of_facets(simulation, scene, target):
         kinds = set().union(*comm.allgather({block.cell for block in mesh.blocks if len(block.nodes)}))
         return mesh if kinds <= set(HALVED) else split(mesh, (), Balance(*build.balance(scene, options))).mesh
 
+    own = simulation.problem.space.degree == 2
     try:
-        with solved(scene, comm, options.said, read) as (run, record):
+        with nullcontext((simulation, record)) if own else solved(scene, comm, options.said, read) as (run, record):
             mesh = None if record is None else rounded(run.problem.space)
             if mesh is None:
                 return float("nan")
@@ -240,9 +244,14 @@ class Secondary:
         # scene and answer with all finer settings, on the mesh of a pass
         self._finer = None
 
-    def parts(self, simulation, watch, done, size):
-        """Them, relative, by what brings them about, and what finer settings change in a number, with its sign.
-        *Collective.*
+    @property
+    def known(self):
+        """Whether a mesh has told them."""
+        return self._told is not None
+
+    def parts(self, simulation, watch, done, size, last=False):
+        """Them, relative, by what brings them about, and what finer settings change in a number, with its sign: those
+        of facets alone until a pass is near the target. *Collective.*
 
         Parameters
         ----------
@@ -253,17 +262,34 @@ class Secondary:
             With the part of the mesh; its `trials` are set.
         size : float
             What errors are divided by.
+        last : bool
+            Whether there is no further pass.
         """
         begun, told, self._finer = clock.perf_counter(), self._told, None
-        large = told is not None and sum(self._now(told, done).values()) > THIRD * self._settings.goal
-        if told is None or large or done.degree != told.degree or done.unknowns > COARSER * told.unknowns:
+        # what is large is measured again: where it is all that misses the target, or much of what does
+        own, goal = sum(done.parts.values()), self._settings.goal
+        large = THIRD * own if own > goal else max(THIRD * goal, goal - own)
+        large = told is not None and sum(self._now(told, done).values()) > large
+        new = told is None or large or done.degree != told.degree or done.unknowns > COARSER * told.unknowns
+        if new and (last or self._near(simulation, done)):
             told = self._told = self._measured(simulation, watch, done, size)
         if self._facets is None:
             self._facets = self._of_facets(simulation, watch, done, size)
         done.trials += clock.perf_counter() - begun
+        if told is None:
+            return dict(self._facets), 0.0
         parts = self._now(told, done)
         scale = sum(parts.values()) / (sum(told.parts.values()) or 1.0)
         return parts | self._facets, scale * told.toward
+
+    def _near(self, simulation, done):
+        """Whether the next mesh may be the last one; or curved facets, which the first mesh tells alone, may rub
+        otherwise with few load steps."""
+        if self._facets is None and self._settings.staying and simulation.mesh.curved and simulation.scene.remembers:
+            return True
+        power = done.degree * (1 if self._target.quantity in ("energy", "pressure") else 2) / simulation.mesh.dim
+        near = self._target.best or done.unknowns * COARSER > (self._target.budget.unknowns or np.inf)
+        return near or done.parts["mesh"] <= COARSER**power * self._settings.goal
 
     def of_steps(self, count):
         """The error that so many load steps leave on the last mesh that has told it, relative."""
@@ -335,7 +361,7 @@ class Secondary:
             if outer_surface(space)[1] is None:
                 return {}
             simulation.close()
-            name, found = "straight_facets", of_facets(simulation, scene, target)
+            name, found = "straight_facets", of_facets(simulation, scene, target, watch.record)
         else:
             free = any(not contact.tied for contact in simulation.scene.contacts)
             if not free or simulation.problem.linear or not bent(simulation):

@@ -62,6 +62,11 @@ BEST_FIRST, BEST_PART = 0.05, 0.25
 ENTRIES = {2: 6.6, 3: 15.0}
 
 
+# [unknowns] Of degree 2, up to which the first pass has it. From: a pass of so many takes about as long as what all
+# passes take for no unknown at all; see `drivers/studies/random_errors.py`.
+FEW = 10_000
+
+
 class Degree:
     """The degree.
 
@@ -69,6 +74,8 @@ class Degree:
     ----------
     given : int or None
         The user's.
+    most : float
+        Unknowns that the budget allows.
 
     Attributes
     ----------
@@ -79,8 +86,8 @@ class Degree:
         takes with degree 1, and what degree 2 has on the same mesh.
     """
 
-    def __init__(self, given):
-        self.now, self.chosen = given, None
+    def __init__(self, given, most=np.inf):
+        self.now, self.chosen, self._most = given, None, most
 
     @property
     def is_open(self):
@@ -92,6 +99,11 @@ class Degree:
         self.now, self.chosen = degree, {"degree": degree, "why": why}
         log.info("degree %d: %s", degree, why)
         return degree
+
+    def few(self, mesh):
+        """Why the first pass has degree 2, where so many unknowns on its mesh are few; else empty."""
+        unknowns = mesh.dim * mesh.n_nodes_total * (1 if mesh.degree == 2 else 2**mesh.dim)
+        return f"about {unknowns:.2g} unknowns are few" if unknowns <= min(FEW, self._most) else ""
 
     def choose(self, done, error, most):
         """Choose by a pass of degree 1 that has missed an error: 2, unless finer cells of degree 1 reach it with fewer
@@ -154,7 +166,8 @@ class Settings:
         self.falling, self.staying = (FALLING, FACETS) if scene.mesh.geometry is None else (FALLING + FACETS, ())
         most = MOST_RTOL if target.quantity in ("energy", "pressure") else MOST_RTOL_OF_NUMBERS
         self._rtol = float(np.clip(FIRST_RTOL * self.goal, LEAST_RTOL, most))
-        self.degree = Degree(options.get(key_options(MeshSpec)["order"], scene.mesh.order))
+        self.degree = Degree(options.get(key_options(MeshSpec)["order"], scene.mesh.order),
+                             target.budget.unknowns or np.inf)  # fmt: skip
 
     def scene(self):
         """The scene of the next pass."""

@@ -87,7 +87,7 @@ def test_straight_facets_of_free_and_loaded_surfaces_count(shared_tmp):
     scene.output.estimate = True
     first = Simulation(scene)
     assert first.run(None, [], keep=True)
-    found = of_facets(first, scene, Target(0.1)) / first.error_estimate.last["energy_norm"]
+    found = of_facets(first, scene, Target(0.1), {}) / first.error_estimate.last["energy_norm"]
     finer = first.mesh
     for _ in range(3):
         more = np.full(sum(len(block.nodes) for block in finer.blocks), 2)

@@ -34,7 +34,7 @@ def told(sheared, error, of="energy"):
     done = Pass(simulation.problem.space.n_dofs, 30, 1, 0.2, None, {"mesh": 0.2, "algebraic": 0.0}, steps=4)
     settings.goal = error
     secondary = Secondary(target, settings)
-    return secondary, secondary.parts(simulation, watch, done, size), done, size
+    return secondary, secondary.parts(simulation, watch, done, size, last=True), done, size
 
 
 @pytest.mark.parametrize("of", ["energy", "support:upper_top"])
@@ -68,6 +68,14 @@ def test_it_is_measured_again_on_many_more_cells_or_where_it_is_large(sheared, m
         return Told.by(done, {"load_steps": 0.1})
 
     monkeypatch.setattr(Secondary, "_measured", measure)
+    # far from the target it is not measured at all; where the next mesh may be the last one it is
+    far = replace(done, unknowns=20 * done.unknowns, parts={"mesh": 1.01 * 0.5 * COARSER**0.5})
+    near = replace(far, parts={"mesh": 0.99 * 0.5 * COARSER**0.5})
+    for one, again in ((far, False), (near, True)):
+        measured.clear()
+        other = Secondary(Target(0.5), settings)
+        found = other.parts(simulation, watch, one, size)
+        assert bool(measured) == again == other.known and found == (({"load_steps": 0.1}, 0.0) if again else ({}, 0.0))
     for growth, again in ((COARSER, False), (1.1 * COARSER, True), (1.2 * COARSER, False)):
         measured.clear()
         then = replace(done, unknowns=int(growth * done.unknowns))
@@ -75,7 +83,10 @@ def test_it_is_measured_again_on_many_more_cells_or_where_it_is_large(sheared, m
         assert bool(measured) == again and found == ({"load_steps": 0.1} if growth > COARSER else parts)
     assert secondary.parts(simulation, watch, replace(then, steps=40), size)[0] == {"load_steps": pytest.approx(0.01)}
     assert secondary.of_steps(8) == pytest.approx(0.05)
-    secondary._told = Told.by(done, {"load_steps": 0.4})
-    assert secondary.parts(simulation, watch, done, size)[0] == {"load_steps": 0.1}
+    # what is large is measured again where it misses the target, and not where finer meshes are to come anyway
+    for mesh, left in ((0.2, 0.1), (0.05, 0.4), (0.6, 0.1), (1.3, 0.4)):
+        secondary._told = Told.by(done, {"load_steps": 0.4})
+        then = replace(done, parts={"mesh": mesh})
+        assert secondary.parts(simulation, watch, then, size)[0] == {"load_steps": left}
 
 
