@@ -195,6 +195,8 @@ class Simulation:
         view(self.mesh)
         self.scene.mesh.order = self.accuracy.order(self.scene.mesh.order, self.mesh.degree)
         check_degrees(self.scene)
+        steps = self.scene.steps
+        steps.count = self.accuracy.steps(steps.count, self.scene.remembers, self.options.given("steps_count"))
         self.spans, self.number = spans(self.scene), 0
         if self.spans and self.restart is not None:
             self.number = phase_at(self.scene, checkpoint_time(self.restart, self.comm))

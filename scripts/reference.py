@@ -84,7 +84,9 @@ def preset_table():
     """What presets of accuracy choose, and what holds without them."""
     names = dict.fromkeys(name for preset in PRESETS.values() for name in preset.options)
     without = {"snes_rtol": "1e-8", "contact_partner_rtol": "0.002"}
-    lines = [["degree of the displacement, mesh of degree 2", *(str(one.order) for one in PRESETS.values()), "2"]]
+    lines = [["degree of the displacement, mesh of degree 2", *(str(one.order) for one in PRESETS.values()), "2"],
+             ["load steps over those of the scene, where bodies rub or yield",
+              *(str(one.steps) for one in PRESETS.values()), "1"]]  # fmt: skip
     for name in names:
         chosen = [shown(one.options.get(name, without[name])) for one in PRESETS.values()]
         lines.append([code(name), *chosen, without[name]])

@@ -251,14 +251,14 @@ class Decision:
 
     def _goes_on(self, old, done):
         """Whether what was expected of a pass after the one before, or None, says how meshes bring the error down."""
-        if old is None or old.degree != done.degree or old.next is None or old.next["degree"] != done.degree:
+        if old is None or not old.alike(done) or old.next is None or old.next["degree"] != done.degree:
             return False
         # what simplices have more than the cells they were made of is no rate
         return not (old.next.get("divided") or self.tells_nothing(old))
 
     def tells_nothing(self, done):
         """Whether the error that a pass names is as large as that of no displacement at all."""
-        return self._target.quantity == "energy" and done.parts["mesh"] >= NOTHING
+        return done.of == "energy" and done.parts["mesh"] >= NOTHING
 
     def _same_bodies(self):
         """Whether the estimates of the last two meshes may be compared: facets that have come onto the geometry since

@@ -1,11 +1,13 @@
 """What a pass says of its errors, and which cells they come from."""
 
+from copy import copy
+
 import numpy as np
 
 from pcontact.adapt.effectivity import Effectivity
 from pcontact.adapt.fronts import front_of
 from pcontact.adapt.passes import Pass
-from pcontact.adapt.secondary import Secondary
+from pcontact.adapt.secondary import Runs, Secondary
 from pcontact.adapt.settings import FACETS, NOTICED, THIRD
 from pcontact.adapt.singularities import PressureError
 from pcontact.element.reference import CELLS
@@ -16,23 +18,66 @@ from pcontact.runtime.petsc import MPI, PETSc
 ZERO = 1e-9
 
 
-class Measure:
-    """Measures the errors of passes.
+class Measures:
+    """Measures the errors of passes, of one thing or several: a pass says what the one with the largest error says.
 
     Parameters
     ----------
     target : pcontact.scene.target.Target
     settings : pcontact.adapt.settings.Settings
-    passes : list of pcontact.adapt.passes.Pass
-        Those before.
     """
 
-    def __init__(self, target, settings, passes):
-        self._target, self._settings, self._passes = target, settings, passes
-        self._secondary, self._effectivity, self._last = Secondary(target, settings), Effectivity(target), None
+    def __init__(self, target, settings):
+        runs, self._settings = Runs(target), settings
+        self._each = [Measure(one, settings, runs) for one in target.each]
 
     def __call__(self, simulation, watch, seconds):
-        """What a pass has shown. *Collective.*
+        """What a pass has shown; parameters as of :class:`Measure`. *Collective.*"""
+        watches = [watch] + [copy(watch) for _ in self._each[1:]]
+        found = [measure(simulation, own, seconds) for measure, own in zip(self._each, watches, strict=True)]
+        for measure, own in zip(self._each, watches, strict=True):
+            measure.sum_up(simulation, own)
+        done = max(found, key=lambda one: one.error)
+        if len(found) > 1:
+            # a cell is refined for what it has most of, in parts of the squared error that is to be left
+            sums = simulation.comm.allreduce(np.array([own.squares.sum() for own in watches]), op=MPI.SUM)
+            shares = [(one.parts["mesh"] / self._settings.goal) ** (2.0 / one.power) / (total or 1.0)
+                      for one, total in zip(found, sums, strict=True)]  # fmt: skip
+            own = watches[found.index(done)]
+            squares = [share * one.squares for share, one in zip(shares, watches, strict=True)]
+            watch.squares, watch.energies, watch.pressure = np.max(squares, axis=0), own.energies, own.pressure
+            done.each, done.trials = found, sum(one.trials for one in found)
+        return done
+
+    @property
+    def complete(self):
+        """Whether the errors that the mesh has no part in are known."""
+        return all(one.complete for one in self._each)
+
+    def finish(self, simulation, watch):
+        """Measure the errors that the mesh has no part in where no pass has been near the target. *Collective.*"""
+        for one in self._each:
+            one.finish(simulation, watch)
+
+
+class Measure:
+    """Measures the errors of passes, of one thing.
+
+    Parameters
+    ----------
+    target : pcontact.scene.target.Target
+    settings : pcontact.adapt.settings.Settings
+    runs : pcontact.adapt.secondary.Runs, optional
+        See :class:`pcontact.adapt.secondary.Secondary`.
+    """
+
+    def __init__(self, target, settings, runs=None):
+        self._target, self._settings, self._passes = target, settings, []
+        self._secondary, self._effectivity = Secondary(target, settings, runs), Effectivity(target)
+        self._last = None
+
+    def __call__(self, simulation, watch, seconds):
+        """What the mesh of a pass has shown; the rest is that of :meth:`sum_up`. *Collective.*
 
         Parameters
         ----------
@@ -73,11 +118,11 @@ class Measure:
             parts={"mesh": estimate / known.least, **beside}, steps=self._settings.steps,
             seconds=seconds, solve=times["solve"], memory=times["peak_memory_mb"] * 2.0**20,
             entries=simulation.problem.matrix.matrix.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"],
-            part=part,
+            part=part, of=self._target.of,
         )  # fmt: skip
         self._add_loads(comm, watch, forces, done.parts)
         self._last = found, likely, size
-        self._sum_up(simulation, watch, done, False)
+        self._passes.append(done)
         return done
 
     @property
@@ -89,21 +134,21 @@ class Measure:
         """Measure the errors that the mesh has no part in where no pass has been near the target. *Collective.*"""
         if not self.complete:
             before, done = set(self._passes[-1].parts), self._passes[-1]
-            self._sum_up(simulation, watch, done, True)
+            self.sum_up(simulation, watch, True)
             others = {name: found for name, found in done.parts.items() if name not in before}
             for one in self._passes[:-1]:
                 one.parts = one.parts | others
                 one.error, one.expected = one.error + sum(others.values()), one.expected + sum(others.values())
 
-    def _sum_up(self, simulation, watch, done, last):
-        """Add the errors that the mesh has no part in, and enter the sum. *Collective.*"""
-        (found, likely, size), before = self._last, [one for one in self._passes if one is not done]
+    def sum_up(self, simulation, watch, last=False):
+        """Add the errors of the last pass that the mesh has no part in, and enter the sum. *Collective.*"""
+        (found, likely, size), done = self._last, self._passes[-1]
         others, toward = self._secondary.parts(simulation, watch, done, size, last)
         done.parts |= others
         self._add_facets(simulation, watch, done.parts)
         done.error = sum(done.parts.values())
         if found is not None:
-            done.quantity = self._quantity(found, likely, toward * size, before)
+            done.quantity = self._quantity(found, likely, toward * size)
             if self._effectivity.told:
                 done.quantity["told_by"] = self._effectivity.told
             found = found._replace(error=likely)
@@ -189,13 +234,13 @@ class Measure:
         ratio = (large / parts["mesh"]) ** 2 if parts["mesh"] > 0.0 else 1.0
         watch.squares = watch.squares + ratio * (sums[1] or 1.0) / (sums[0] or 1.0) * own
 
-    def _quantity(self, found, likely, toward, before):
+    def _quantity(self, found, likely, toward):
         """Value of a quantity, and what it is extrapolated to, with an uncertainty. `likely`: the error of the mesh as
-        it is expected, `toward`: what settings beside the mesh change, with signs; `before`: earlier passes."""
+        it is expected, `toward`: what settings beside the mesh change, with signs."""
         if self._target.quantity == "pressure":
             return {"value": found.value, "error": found.error}
         best = found.value + likely + found.loads + found.algebraic + toward
         # what is left of the estimate's own error; and, once there are two, by how much such values differ
-        others = [abs(one.quantity["extrapolated"] - best) for one in before[-1:]]
+        others = [abs(one.quantity["extrapolated"] - best) for one in self._passes[-2:-1]]
         unsure = max([0.5 * (abs(found.error) + abs(toward)), *others])
         return {"value": found.value, "error": found.error, "extrapolated": best, "uncertainty": unsure}

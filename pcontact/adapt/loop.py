@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from pcontact.adapt.decide import FAILED, REACHED, SPENT, Decision
-from pcontact.adapt.errors import Measure
+from pcontact.adapt.errors import Measures
 from pcontact.adapt.history import Beginning, Watch
 from pcontact.adapt.kept import keep
 from pcontact.adapt.passes import ended, line, report, said_of
@@ -98,7 +98,7 @@ class Loop:
         self._kept, self._records, self._section, self._said = None, None, {}, set()
         self._settings = Settings(scene, self.target, options, comm.size)
         self._refining = Refining(comm, self._settings, options)
-        self._measure = Measure(self.target, self._settings, self.passes)
+        self._measure = Measures(self.target, self._settings)
         self._decision = Decision(self.target, self._settings, self.passes, self._refining, comm)
         self._looks_ahead, self.ahead = False, None
 
@@ -208,6 +208,8 @@ class Loop:
                     self._kept = self._take(simulation, converged)
                 simulation.free()
                 return self._ended(FAILED if failure is not None or self.passes else REACHED, failure)
+            if not self.passes:
+                self._settings.keep_sources(simulation.problem.contacts)
             done = self._measure(simulation, watch, clock.perf_counter() - begun)
             self.passes.append(done)
             status, step = self._decision.next(simulation, watch, done)

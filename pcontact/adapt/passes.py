@@ -113,6 +113,10 @@ class Pass:
         expected; None of what is not known. ``divided``: the cells are divided into simplices.
     part : float
         Of the error of the displacement that the estimate is seen to be.
+    of : str
+        What it is the error of: where several are named, that with the largest one.
+    each : list of Pass
+        The same of each of several; empty: of one.
     """
 
     unknowns: int
@@ -132,17 +136,24 @@ class Pass:
     trials: float = 0.0
     next: dict | None = None
     part: float = 1.0
+    of: str = "energy"
+    each: list = field(default_factory=list)
 
     @property
     def power(self):
         """Power of the error of the energy norm that the error falls with: quantities have products of two of them."""
         return 2 if self.quantity is not None and "extrapolated" in self.quantity else 1
 
+    def alike(self, other):
+        """Whether the errors of two passes are those of one thing and degree."""
+        return (self.of, self.degree) == (other.of, other.degree)
+
     def report(self):
         """Its entry of the report."""
         names = ("unknowns", "cells", "degree", "error", "expected", "estimate", "parts", "steps", "seconds", "solve",
                  "trials", "next")  # fmt: skip
         quantity = {} if self.quantity is None else {"quantity": self.quantity}
+        quantity |= {"of": self.of, "errors": {one.of: one.error for one in self.each}} if self.each else {}
         return {name: getattr(self, name) for name in names} | quantity | {"memory_mb": self.memory / 2.0**20}
 
 
@@ -165,7 +176,7 @@ def line(passes, target):
     most = max(last.parts, key=last.parts.get)
     most = f"{said_of(most)}: {100.0 * last.parts[most]:.2g} %" if len(last.parts) > 1 else ""
     return (f"pass {len(passes)}  {last.unknowns} unknowns  degree {last.degree}  error {100.0 * last.error:.3g} % of "
-            f"{target.of} ({parts if target.details else most})  {last.seconds:.1f} s")  # fmt: skip
+            f"{last.of} ({parts if target.details else most})  {last.seconds:.1f} s")  # fmt: skip
 
 
 def ended(passes, number, target, why):
@@ -181,15 +192,19 @@ def ended(passes, number, target, why):
         Why there is no other pass.
     """
     best, seconds = passes[number - 1], sum(one.seconds for one in passes)
-    named = f"{100.0 * best.error:.3g} %"
-    if best.quantity is not None:
-        value = best.quantity["value"]
-        found = f"{target.of} = {value:.5g} +- {abs(value) * best.error:.2g} ({named})"
-    else:
-        found = f"{target.of}: error {named}"
+    found = ", ".join(_found(one) for one in best.each or [best])
     half = seconds + cost_of(passes, 0.5 * best.error)["seconds"]
     of = "" if number == len(passes) else f" (of pass {number})"
     return f"{found}{of}, {len(passes)} passes, {seconds:.2g} s; half the error would take about {half:.2g} s; {why}"
+
+
+def _found(done):
+    """A quantity and its error in words."""
+    named = f"{100.0 * done.error:.3g} %"
+    if done.quantity is None:
+        return f"{done.of}: error {named}"
+    value = done.quantity["value"]
+    return f"{done.of} = {value:.5g} +- {abs(value) * done.error:.2g} ({named})"
 
 
 def report(passes, number, target, reached):
@@ -208,16 +223,23 @@ def report(passes, number, target, reached):
         "target": {"error": BEST if target.best else target.error, "of": target.of}, "reached": reached,
         "error": best.error, "expected": best.expected, "estimate": best.estimate, "parts": best.parts,
         "effectivity": {"least": best.known.least, "most": best.known.most, "of": best.known.words},
-        **({} if best.quantity is None else {"quantity": best.quantity}), "rate": rate(passes),
+        **({} if best.quantity is None else {"quantity": best.quantity}),
+        **({"each": {one.of: _entry(one) for one in best.each}} if best.each else {}), "rate": rate(passes),
         "half": cost_of(passes, 0.5 * best.error), "target_cost": cost_of(passes, target.error or 0.5 * best.error),
         "best": number, "passes": [one.report() for one in passes],
     }  # fmt: skip
 
 
+def _entry(done):
+    """Entry of one of several quantities in the report."""
+    quantity = {} if done.quantity is None else {"quantity": done.quantity}
+    return {"error": done.error, "expected": done.expected, "estimate": done.estimate, "parts": done.parts} | quantity
+
+
 def rate(passes):
     """Power of the unknowns with which the error falls: as seen in the last two passes, or as smooth solutions have."""
     smooth = passes[-1].power * passes[-1].degree / passes[-1].known.dim
-    if len(passes) < 2 or passes[-1].unknowns <= passes[-2].unknowns or passes[-1].degree != passes[-2].degree:
+    if len(passes) < 2 or passes[-1].unknowns <= passes[-2].unknowns or not passes[-1].alike(passes[-2]):
         return smooth
     old, new = passes[-2:]
     seen = np.log(old.parts["mesh"] / new.parts["mesh"]) / np.log(new.unknowns / old.unknowns)

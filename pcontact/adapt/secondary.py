@@ -126,14 +126,35 @@ class Answer(NamedTuple):
         return cls(run.stepper.number, u.getArray(readonly=True).copy(), own, pressure)
 
 
-def answer(simulation, scene, target, known=None):
-    """What a scene gives on the same mesh, an :class:`Answer`; None where that is not known. *Collective.*"""
+def answers(simulation, scene, target, known=None):
+    """What a scene gives on the same mesh, an :class:`Answer` by what a target is the error of; empty where that is not
+    known. *Collective.*"""
     try:
         with solved(scene, simulation.comm, simulation.options.said, simulation.mesh, known) as (run, record):
-            return None if record is None else Answer.of(run, record, target)
+            return {} if record is None else {one.of: Answer.of(run, record, one) for one in target.each}
     except TOLD:
         # a setting that the scene does not take
-        return None
+        return {}
+
+
+class Runs:
+    """Runs with other settings on the mesh of a pass, each made once for all that the error is named of.
+
+    Parameters
+    ----------
+    target : pcontact.scene.target.Target
+    """
+
+    def __init__(self, target):
+        self._target, self._of, self._found = target, None, {}
+
+    def __call__(self, simulation, scene, known, name):
+        """What the scene of a name gives on the mesh of a pass, as of :func:`answers`. *Collective.*"""
+        if self._of is not simulation:
+            self._of, self._found = simulation, {}
+        if name not in self._found:
+            self._found[name] = answers(simulation, scene, self._target, known)
+        return self._found[name]
 
 
 def change_to(simulation, other, target, record, one=None):
@@ -237,10 +258,13 @@ class Secondary:
     target : pcontact.scene.target.Target
         Of what they are the error.
     settings : pcontact.adapt.settings.Settings
+    runs : Runs, optional
+        Shared with others that are of the same passes.
     """
 
-    def __init__(self, target, settings):
+    def __init__(self, target, settings, runs=None):
         self._target, self._settings, self._told, self._facets = target, settings, None, None
+        self._runs = runs or Runs(target)
         # scene and answer with all finer settings, on the mesh of a pass
         self._finer = None
 
@@ -287,7 +311,7 @@ class Secondary:
         otherwise with few load steps."""
         if self._facets is None and self._settings.staying and simulation.mesh.curved and simulation.scene.remembers:
             return True
-        power = done.degree * (1 if self._target.quantity in ("energy", "pressure") else 2) / simulation.mesh.dim
+        power = done.degree * (2 if self._target.numbers else 1) / simulation.mesh.dim
         near = self._target.best or done.unknowns * COARSER > (self._target.budget.unknowns or np.inf)
         return near or done.parts["mesh"] <= COARSER**power * self._settings.goal
 
@@ -329,7 +353,7 @@ class Secondary:
             other = scene
             for name in names:
                 other = variants[name](other, degree)
-            found = answer(simulation, other, self._target, watch.known)
+            found = self._runs(simulation, other, watch.known, names).get(self._target.of)
             if found is not None and names == tuple(variants):
                 self._finer = other, found
             moved = change_to(simulation, found, self._target, watch.record) / size
@@ -370,7 +394,7 @@ class Secondary:
             scene.output.estimate = scene.output.checkpoint = False
             # few load steps may rub otherwise with other facets: beside the run with finer settings, where there is one
             scene, finer = self._finer or (scene, None)
-            other = answer(simulation, smooth_facets(scene), target, watch.known)
+            other = self._runs(simulation, smooth_facets(scene), watch.known, "smooth").get(target.of)
             name, found = "curved_facets", change_to(simulation, other, target, watch.record, finer)
         if not np.isfinite(found):
             log.warning("not known: how much of the error is that of %s", said_of(name))

@@ -164,7 +164,7 @@ class Settings:
         self.goal = target.error or BEST_FIRST
         # new nodes lie on the facets of the first mesh, unless the geometry is known
         self.falling, self.staying = (FALLING, FACETS) if scene.mesh.geometry is None else (FALLING + FACETS, ())
-        most = MOST_RTOL if target.quantity in ("energy", "pressure") else MOST_RTOL_OF_NUMBERS
+        most = MOST_RTOL_OF_NUMBERS if target.numbers else MOST_RTOL
         self._rtol = float(np.clip(FIRST_RTOL * self.goal, LEAST_RTOL, most))
         self.degree = Degree(options.get(key_options(MeshSpec)["order"], scene.mesh.order),
                              target.budget.unknowns or np.inf)  # fmt: skip
@@ -190,6 +190,20 @@ class Settings:
             ours |= dict.fromkeys(FORCING, f"{FORCED:g}")
         scene.petsc = {**ours, **scene.petsc}
         return scene
+
+    def keep_sources(self, contacts):
+        """Take the sources that a run has chosen for contacts of two surfaces: on finer meshes the other one may have
+        the smaller facets, and forces would change their signs.
+
+        Parameters
+        ----------
+        contacts : list of pcontact.contact.report.ContactReport
+        """
+        chosen = {one.name: one.contact for one in contacts}
+        own = [one if one.surfaces is None else replace(one, surfaces=None, **{
+            key: getattr(chosen[one.name], key) for key in ("name", "source", "target", "unbiased")
+        }) for one in self._scene.contacts]  # fmt: skip
+        self._scene = replace(self._scene, contacts=own)
 
     def scene_of(self, done):
         """The scene of a pass, as it would be run alone."""

@@ -21,19 +21,22 @@ class Preset:
     order : int
         Degree of the displacement on a mesh of degree 2. On straight cells degree 2 does not pay for bodies that are
         round: the pressure has the kinks of the facets.
+    steps : int
+        Load steps over those of the scene, where bodies rub or yield.
     """
 
     options: dict
     krylov: float | None
     linear: float
     order: int
+    steps: int = 1
 
 
 # Of the forces at work, and of the first residual of a load step: looser ones save next to nothing.
 PRESETS = {
     "draft": Preset({"snes_rtol": 1e-4}, 1e-2, 1e-5, 1),
     "standard": Preset({"snes_rtol": 1e-4}, None, 1e-7, 2),
-    "fine": Preset({"snes_rtol": 1e-7, "contact_partner_rtol": 1e-4}, None, 1e-9, 2),
+    "fine": Preset({"snes_rtol": 1e-7, "contact_partner_rtol": 1e-4}, None, 1e-9, 2, 2),
 }
 
 
@@ -73,6 +76,27 @@ class Choice:
         if self.name is not None:
             self.chosen["mesh_order"] = wanted
         return wanted
+
+    def steps(self, count, remembers, given):
+        """Number of load steps: the preset's, where bodies rub or yield and the command line does not say.
+
+        Parameters
+        ----------
+        count : int
+            Of the scene.
+        remembers : bool
+            Whether the answer depends on load steps.
+        given : bool
+            Whether the command line says them.
+        """
+        times = PRESETS[self.name].steps if self.name is not None and remembers else 1
+        if times == 1:
+            return count
+        if given:
+            self.overridden["steps_count"] = count
+            return count
+        self.chosen["steps_count"] = times * count
+        return times * count
 
     def propose(self, options, linear):
         """Enter the preset's options where the user has none.

@@ -2,14 +2,14 @@
 
 import re
 from collections.abc import Iterable
-from dataclasses import field
+from dataclasses import field, replace
 
 from pcontact.runtime.rules import BOOLEAN, Rule, number
 from pcontact.scene.keys import key, table
 
 # what the error may be of, and whether a name belongs to it
 QUANTITIES = {"energy": False, "force": True, "support": True, "displacement": True, "pressure": True}
-OF = "energy | force:CONTACT | support:REGION | displacement:PROBE | pressure:CONTACT"
+OF = "energy | force:CONTACT | support:REGION | displacement:PROBE | pressure:CONTACT, or several: energy,force:CONTACT"
 # components of forces and displacements, named after a dot: force:CONTACT.x
 AXES = "xyz"
 # [bytes], [seconds]
@@ -42,10 +42,14 @@ def _measured(units, allowed, rule):
 
 
 def _of(value):
-    word, colon, name = value.partition(":") if isinstance(value, str) else ("", "", "")
-    if word not in QUANTITIES or not bool(colon) == bool(name.strip()) == QUANTITIES[word]:
+    if not isinstance(value, str):
         raise ValueError
-    return value
+    each = [one.strip() for one in value.split(",")]
+    for one in each:
+        word, colon, name = one.partition(":")
+        if word not in QUANTITIES or not bool(colon) == bool(name.strip()) == QUANTITIES[word] or each.count(one) > 1:
+            raise ValueError
+    return ",".join(each)
 
 
 SHARE = _measured(
@@ -89,7 +93,8 @@ class Target:
     of: str = key(
         QUANTITY, "what it is the error of", default="energy", option="error_of", said=_worded(QUANTITY),
         more="the energy norm of the displacement, or a contact's force, a support's force, the mean displacement of a "
-        "probe, the contact pressure in L2; of a force or displacement one component: force:CONTACT.x",
+        "probe, the contact pressure in L2; of a force or displacement one component: force:CONTACT.x; or several of "
+        "these, with commas between them",
     )  # fmt: skip
     pictures: bool = key(
         BOOLEAN, "the estimate on the last mesh, that mesh, and the errors of all meshes are drawn beside the results",
@@ -112,8 +117,18 @@ class Target:
         return self.error == 0.0
 
     @property
+    def each(self) -> list["Target"]:
+        """The same of each thing alone, where it is the error of several."""
+        return [replace(self, of=of) for of in self.of.split(",")]
+
+    @property
+    def numbers(self) -> bool:
+        """Whether it is the error of a number, and not of norms alone."""
+        return any(one.quantity not in ("energy", "pressure") for one in self.each)
+
+    @property
     def quantity(self) -> str:
-        """The word of `QUANTITIES`."""
+        """The word of `QUANTITIES`, of the error of one thing."""
         return self.of.partition(":")[0]
 
     @property

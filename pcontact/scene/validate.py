@@ -396,11 +396,11 @@ def check_component(scene: Scene, dim: int) -> None:
     ------
     InputError
     """
-    target = scene.accuracy
-    _, axis = target.of_known(known_names(scene).get(target.quantity, ()))
-    if axis is not None and axis >= dim:
-        allowed = f"components {', '.join(AXES[:dim])}, the mesh is {dim}D"
-        raise input_error(scene.where, "accuracy.of", f"'{target.of}'", allowed)
+    for target in scene.accuracy.each:
+        _, axis = target.of_known(known_names(scene).get(target.quantity, ()))
+        if axis is not None and axis >= dim:
+            allowed = f"components {', '.join(AXES[:dim])}, the mesh is {dim}D"
+            raise input_error(scene.where, "accuracy.of", f"'{target.of}'", allowed)
 
 
 def _target(scene, target) -> Found:
@@ -429,11 +429,12 @@ def _target(scene, target) -> Found:
             found.append((f"smooth_geometry = true (contact {c.name})", known))
     for words, known in found:
         yield "error", f"{target.words} together with {words}", known
-    known = known_names(scene).get(target.quantity)
-    if known is not None and target.of_known(known)[0] not in known:
-        words = [f"{target.quantity}:{name}" for name in known]
-        probes = "; probes of [output] are groups whose displacement is known" * (target.quantity == "displacement")
-        yield "of", unknown_name(target.of, f"of no {target.quantity}", words), listed(words) + probes
+    for one in target.each:
+        known = known_names(scene).get(one.quantity)
+        if known is not None and one.of_known(known)[0] not in known:
+            words = [f"{one.quantity}:{name}" for name in known]
+            probes = "; probes of [output] are groups whose displacement is known" * (one.quantity == "displacement")
+            yield "of", unknown_name(one.of, f"of no {one.quantity}", words), listed(words) + probes
 
 
 # -- tables ------------------------------------------------------------------------------------------------------------

@@ -18,7 +18,7 @@ from meshes import geometries
 from meshes import rings as rings_mesh
 from meshes.blocks import two_blocks
 from meshes.punch import punch
-from pcontact.adapt.errors import Measure
+from pcontact.adapt.errors import Measures
 from pcontact.adapt.loop import FAILED, REACHED, SPENT, Loop
 from pcontact.cli import check_scene, reach
 from pcontact.io.result import load_result
@@ -231,16 +231,52 @@ def test_the_mesh_stays(shared_tmp, order):
 
 
 @pytest.mark.parallel
+def test_sources_stay_from_mesh_to_mesh(shared_tmp):
+    """Of two surfaces the first mesh says which one is the source: a force does not change its sign between passes."""
+    on_root(COMM, partial(two_blocks, shared_tmp / "pair.msh", 2, 4, 2, "triangle"))
+    metal = {"metal": Material(1.0, 0.3)}
+    scene = Scene(MeshSpec(shared_tmp / "pair.msh"), metal, [Body("lower", "metal"), Body("upper", "metal")],
+                  contacts=[Contact(surfaces=["lower_top", "upper_bottom"], name="face")],
+                  displacements=[Displacement("lower_bottom", [0.0, 0.0]), Displacement("upper_top", [0.0, -0.02])],
+                  accuracy=Target(0.01, "force:face.y"))  # fmt: skip
+    loop = Loop(scene, take=lambda simulation, _: simulation.problem.contacts[0].contact.source)
+    source = loop.run().kept
+    contact = loop.best_scene().contacts[0]
+    assert contact.surfaces is None and contact.source == source and scene.contacts[0].surfaces is not None
+    assert len({np.sign(one.quantity["value"]) for one in loop.passes}) == 1
+
+
+@pytest.mark.parallel
+def test_several_errors_at_once(shared_tmp):
+    """Each is what it is alone on the same mesh; the last mesh has all of them below the target."""
+    each = ("energy", "force:face.y", "support:block_bottom")
+    loop = Loop(punch_scene(shared_tmp, error=0.04, of=",".join(each)))
+    assert loop.run(shared_tmp / "out").status == REACHED
+    section = json.loads((shared_tmp / "out" / "report.json").read_text())["accuracy"]
+    assert tuple(section["each"]) == each and section["target"]["of"] == ",".join(each)
+    assert section["error"] == max(one["error"] for one in section["each"].values()) <= 0.04
+    assert len(loop.passes) > 1 and all(len(one.each) == 3 for one in loop.passes)
+    for number, of in enumerate(each):
+        alone = Loop(punch_scene(shared_tmp, error=0.04, of=of))
+        alone.run()
+        first, one = alone.passes[0], loop.passes[0].each[number]
+        assert one.of == of and one.parts["mesh"] == pytest.approx(first.parts["mesh"], rel=1e-3)
+        # what one of them needs is a part of what all need
+        assert alone.passes[-1].unknowns < 1.5 * loop.passes[-1].unknowns
+
+
+@pytest.mark.parallel
 def test_the_best_answer_need_not_be_the_last(shared_tmp, monkeypatch):
     """Where a finer mesh names a larger error, the results of the mesh before are given, with all passes."""
-    call = Measure.__call__
+    call, passes = Measures.__call__, []
 
     def worse(self, *args):
         done = call(self, *args)
-        done.error *= 1.0 + 9.0 * len(self._passes)
+        done.error *= 1.0 + 9.0 * len(passes)
+        passes.append(done)
         return done
 
-    monkeypatch.setattr(Measure, "__call__", worse)
+    monkeypatch.setattr(Measures, "__call__", worse)
     scene = punch_scene(shared_tmp, error=0.01, budget=Budget(unknowns=600))
     run = pc.run(scene, output=shared_tmp / "out")
     report = json.loads((shared_tmp / "out" / "report.json").read_text())

@@ -79,7 +79,8 @@ class Growing(Recorder):
 def grown(squares, unknowns, error=0.1, of="energy"):
     """Growth of the cells after a first pass of an error, for a target of 0.02."""
     known = Range(1.0, 2.0, "", 2)
-    done = Pass(unknowns, 50, 2, error, known, {"mesh": error, "algebraic": 0.0}, error, seconds=1.0, memory=1e8)
+    done = Pass(unknowns, 50, 2, error, known, {"mesh": error, "algebraic": 0.0}, error, seconds=1.0, memory=1e8,
+                of=of)
     refining = Growing(whole=False, corners=SimpleNamespace(explain=False, wall=None))
     settings = SimpleNamespace(staying=(), falling=("mesh",), steps=1, goal=0.02, balance=lambda *_: None,
                                follow=lambda _: None)  # fmt: skip

@@ -12,7 +12,7 @@ from meshes import rings as ring_mesh
 from pcontact import build
 from pcontact.adapt import facets
 from pcontact.adapt.history import Watch
-from pcontact.adapt.secondary import FINER_SEE, answer, change_to, of_facets
+from pcontact.adapt.secondary import FINER_SEE, answers, change_to, of_facets
 from pcontact.mesh.refinement.refine import Balance, refine
 from pcontact.runtime.options import Options
 from pcontact.scene.target import Target
@@ -35,8 +35,9 @@ def test_rings_with_interference(shared_tmp):
     assert first.run(None, [watch], keep=True)
     first.close()
     targets = Target(0.1), Target(0.1, "pressure:circle")
-    found, pressure = (FINER_SEE["curved_facets"] * change_to(first, answer(first, facets.smooth_facets(scene), of), of,
-                                                              watch.record) for of in targets)  # fmt: skip
+    smooth = answers(first, facets.smooth_facets(scene), Target(0.1, "energy,pressure:circle"))
+    found, pressure = (FINER_SEE["curved_facets"] * change_to(first, smooth[one.of], one, watch.record)
+                       for one in targets)  # fmt: skip
     finer, balance = first.mesh, Balance(*build.balance(scene, Options()))
     for cuts in (4, 0, 0):
         start = np.cumsum([0] + [len(block.nodes) for block in finer.blocks])

@@ -7,7 +7,7 @@ import pytest
 from drivers.studies._named_scenes import HELD_BACK
 from pcontact.adapt.history import Watch
 from pcontact.adapt.passes import Pass
-from pcontact.adapt.secondary import ALL, COARSER, Secondary, Told, answer, change_to, more_steps
+from pcontact.adapt.secondary import ALL, COARSER, Secondary, Told, answers, change_to, more_steps
 from pcontact.adapt.settings import Settings
 from pcontact.runtime.options import Options
 from pcontact.scene.target import Target
@@ -52,7 +52,7 @@ def test_what_is_small_is_told_by_one_run_and_what_is_large_by_one_each(sheared,
     scene.output.estimate = False
     for _ in range(4):
         scene = more_steps(scene, 1)
-    other = answer(simulation, scene, Target(0.1, of))
+    other = answers(simulation, scene, Target(0.1, of))[of]
     left = abs(change_to(simulation, other, Target(0.1, of), watch.record)) / size
     assert other.number == 64 and 0.7 * left < alone["load_steps"] < 2.5 * left
 

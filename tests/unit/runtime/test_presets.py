@@ -53,6 +53,17 @@ def test_options_win(shared_tmp):
         database.delValue("accuracy")
 
 
+def test_fine_takes_twice_the_load_steps_where_the_answer_depends_on_them():
+    for name, remembers, given, count, chosen in (
+        ("fine", True, False, 10, {"steps_count": 10}), ("fine", False, False, 5, {}), ("fine", True, True, 5, {}),
+        ("standard", True, False, 5, {}), (None, True, False, 5, {}),
+    ):  # fmt: skip
+        choice = Choice()
+        choice.name = name
+        assert choice.steps(5, remembers, given) == count and choice.chosen == chosen
+        assert choice.overridden == ({"steps_count": 5} if given else {})
+
+
 def test_degree():
     """That of the mesh, unless the user or a preset says one; without a preset nothing is chosen."""
     for name, degree, said, asked, chosen, overridden in (
