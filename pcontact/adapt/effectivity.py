@@ -173,10 +173,12 @@ class Effectivity:
     ----------
     told : str
         What has told the error of the quantity.
+    unforeseen : float
+        Change of the quantity from the mesh before that its dual problem has not foretold; 0: it has.
     """
 
     def __init__(self, target):
-        self._target, self.told = target, ""
+        self._target, self.told, self.unforeseen = target, "", 0.0
         # estimate and degree of the last pass, or its State, and the part that the last pair of meshes has shown
         self._before, self._part = None, None
 
@@ -233,12 +235,13 @@ class Effectivity:
         if self._target.quantity == "pressure":
             return dual, likely
         own, old, left = State.of(simulation, found.value), self._before, dual
-        self.told = "dual problem"
+        self.told, self.unforeseen = "dual problem", 0.0
         if old is not None:
             change, foretold = own.value - old.value, old.dual - dual
             apart = abs(change - foretold) > AGREE * max(abs(change), abs(foretold))
             if simulation.scene.plastic or apart:
                 left, self.told = max(dual, left_after(old, own), key=abs), "dual problem and meshes"
+                self.unforeseen = abs(change)
         elif simulation.scene.plastic:
             left = dual / YIELDING**2
         likely = left if simulation.scene.plastic else likely

@@ -121,6 +121,11 @@ class Measure:
             part=part, of=self._target.of,
         )  # fmt: skip
         self._add_loads(comm, watch, forces, done.parts)
+        if self._effectivity.unforeseen:
+            # the mesh before is not the better one because its error was not seen there
+            before, missed = self._passes[-1], self._effectivity.unforeseen / size + done.parts["mesh"]
+            before.parts["mesh"] = max(before.parts["mesh"], missed)
+            before.error = sum(before.parts.values())
         self._last = found, likely, size
         self._passes.append(done)
         return done

@@ -87,6 +87,8 @@ def test_a_change_that_no_dual_problem_has_foretold_counts(foretold, told):
     assert seen.told == told and likely == 0.01
     part = max(0.12**2 / 0.2**2, 0.25)
     assert left == pytest.approx(0.01 if foretold == 0.05 else 0.04 * part / (1.0 - part))
+    # then the coarser mesh had what has changed, and what is left
+    assert seen.unforeseen == pytest.approx(0.0 if foretold == 0.05 else 0.04)
     simulation.scene.plastic, seen = True, Effectivity(Target(0.1, "force:face"))
     assert found(1.0, foretold, 100, 0.2)[0] == pytest.approx(foretold / YIELDING**2)
 
