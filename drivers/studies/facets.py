@@ -20,7 +20,7 @@ from drivers.studies._round_bodies import LARGE, MIDDLE, SMALL, round_scene, she
 from meshes import rings as ring_mesh
 from meshes.shells import shells
 from pcontact import build
-from pcontact.adapt import facets
+from pcontact.adapt import secondary
 from pcontact.adapt.secondary import FINER_SEE, solved
 from pcontact.estimate import goal
 from pcontact.mesh.refinement.refine import Balance, refine
@@ -91,7 +91,7 @@ def measure(title, scene, exact, pressure, halvings):
     first.close()
     name = first.scene.contacts[0].name
     own, size = errors_of(first.problem, first.stepper.u, exact, pressure)
-    smooth = facets.smooth_facets(scene)
+    smooth = secondary.smooth_facets(scene)
     with solved(smooth, first.comm, first.options.said, first.mesh) as (run, _):
         change = first.stepper.u.copy()
         change.axpy(-1.0, run.stepper.u)

@@ -5,14 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pcontact.adapt.mark import Contributions, next_cuts
+from pcontact.adapt.mark import FOLLOWERS, Contributions, next_cuts
 from pcontact.adapt.passes import free_memory, memory_each
 from pcontact.runtime import profile
 from pcontact.runtime.petsc import MPI
 
-# [-] The neighbours of the cells that are cut follow: unknowns over those expected, before it has been seen.
-# From: named_error.py.
-FOLLOWERS = 1.4
 # [-] Power of the unknowns that the seconds of a pass grow with. From: multigrid, and searches that take a little more.
 POWER = 1.1
 # [passes] At most that are played.

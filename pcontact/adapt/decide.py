@@ -5,8 +5,7 @@ import time as clock
 import numpy as np
 
 from pcontact.adapt.budget import Aims, Budgeted, forecast
-from pcontact.adapt.cells import MEASURED, of_parts, parts_of
-from pcontact.adapt.mark import degrees
+from pcontact.adapt.mark import MEASURED, degrees, of_parts, parts_of
 from pcontact.adapt.passes import cost_of, said_of
 from pcontact.adapt.settings import AIM, FACETS, MORE_STEPS, NOTICED, SHARE, THIRD
 from pcontact.runtime import log

@@ -4,8 +4,8 @@ from copy import copy
 
 import numpy as np
 
+from pcontact.adapt.edges import front_of
 from pcontact.adapt.effectivity import Effectivity
-from pcontact.adapt.fronts import front_of
 from pcontact.adapt.passes import Pass
 from pcontact.adapt.secondary import Runs, Secondary
 from pcontact.adapt.settings import FACETS, NOTICED, THIRD

@@ -93,7 +93,7 @@ class Watch(Path):
         Largest squared estimates of the cells of this rank over the load steps, block after block [energy].
     energies : ndarray (n_cells,) or None
         Those of the energy norm, where `squares` have become others that do not tell of singular points.
-    pressure : pcontact.adapt.singularities.PressureError, pcontact.adapt.fronts.Front or None
+    pressure : pcontact.adapt.singularities.PressureError, pcontact.adapt.edges.Front or None
         Where it is the error of one that is named: in the plane, and in space.
     absolute, norm, algebraic : float
         Largest of the load steps [sqrt(energy)].

@@ -1,4 +1,7 @@
-"""Runs on one mesh after the other, until the error is below the target or the budget is spent."""
+"""Runs on one mesh after the other, until the error is below the target or the budget is spent.
+
+The best mesh stays as a file, with the scene that runs on it: an ordinary run of it has the same numbers.
+"""
 
 import gc
 import shutil
@@ -11,19 +14,22 @@ from typing import NamedTuple
 from pcontact.adapt.decide import FAILED, REACHED, SPENT, Decision
 from pcontact.adapt.errors import Measures
 from pcontact.adapt.history import Beginning, Watch
-from pcontact.adapt.kept import keep
 from pcontact.adapt.passes import ended, line, report, said_of
 from pcontact.adapt.refining import Refining
 from pcontact.adapt.secondary import ALL
 from pcontact.adapt.settings import Settings
+from pcontact.mesh.hdf5 import write
+from pcontact.mesh.refinement.gather import gathered
 from pcontact.runtime import log, profile
 from pcontact.runtime.errors import TOLD, InputError, SolverError
+from pcontact.runtime.files import replace_file
 from pcontact.runtime.lock import reserved
 from pcontact.runtime.options import Options
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.target import SMALLEST
 from pcontact.scene.validate import check_component
+from pcontact.scene.writer import tables_of, text
 from pcontact.simulation import Simulation
 from pcontact.view import extra
 from pcontact.view.show import draw_errors
@@ -330,3 +336,36 @@ def _tidy(directory, best, last):
 def reach(scene, comm=MPI.COMM_WORLD, directory=None, **more):
     """Run a scene until its error is reached; parameters as for :class:`Loop`. *Collective.*"""
     return Loop(replace(scene), comm, **more).run(directory)
+
+
+MESH, SCENE = "adapted.h5", "adapted.toml"
+
+
+def keep(directory, mesh, scene, user):
+    """Write both. *Collective.*
+
+    Parameters
+    ----------
+    directory : pathlib.Path
+    mesh : pcontact.mesh.mesh.Mesh
+    scene : pcontact.scene.model.Scene
+        Of the pass on it.
+    user : pcontact.scene.model.Scene
+        The user's, whose output it has.
+    """
+    raw = gathered(mesh, directory / MESH, every=True)
+    # groups by place are groups of the mesh by now
+    scene = replace(scene, mesh=replace(scene.mesh, file=(directory / MESH).absolute()), output=user.output, regions=[])
+
+    def files():
+        write(directory / MESH, raw, scene.mesh.order, mesh.curved)
+        try:
+            tables = tables_of(scene, directory)
+        except TypeError as error:
+            log.warning("%s: not written: %s; -mesh %s runs the scene on the mesh", SCENE, error, directory / MESH)
+            return
+        head = ["The scene on its adapted mesh, with the load steps and tolerances of the best pass.",
+                f"Other loads on the same mesh: pcontact run SCENE.toml -mesh {MESH}"]  # fmt: skip
+        replace_file(directory / SCENE, text(tables, head))
+
+    on_root(mesh.comm, files)

@@ -6,8 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact import build
-from pcontact.adapt.cells import NAMES, Choice, locking, of_parts, parts_of
-from pcontact.adapt.mark import Contributions, Cuts, degrees, next_cuts
+from pcontact.adapt.mark import NAMES, Choice, Contributions, Cuts, degrees, locking, next_cuts, of_parts, parts_of
 from pcontact.adapt.singularities import Corners
 from pcontact.mesh.refinement.refine import HALVED, SIMPLICES, Balance, refine
 from pcontact.mesh.refinement.split import split
@@ -66,7 +65,7 @@ class Refining:
     corners : pcontact.adapt.singularities.Corners
     whole : bool
         Whether the cells of the last mesh are no simplices.
-    choice : pcontact.adapt.cells.Choice
+    choice : pcontact.adapt.mark.Choice
         Of what becomes of them.
     """
 

@@ -15,9 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pcontact.adapt import edges, fronts
-from pcontact.adapt.cells import of_parts
-from pcontact.adapt.mark import degrees
+from pcontact.adapt import edges
+from pcontact.adapt.mark import degrees, of_parts
 from pcontact.element.reference import CELLS
 from pcontact.mesh.refinement.numbering import marks, tree_points
 from pcontact.mesh.refinement.refine import Rise
@@ -355,7 +354,7 @@ class Corners:
             Squared estimates.
         alike : bool
             Whether the last mesh is one of the same bodies.
-        pressure : PressureError or pcontact.adapt.fronts.Front, optional
+        pressure : PressureError or pcontact.adapt.edges.Front, optional
             Where it is the error of one that counts: in the plane, and in space.
 
         Returns
@@ -387,7 +386,7 @@ class Corners:
             return None, None, ()
         smooth = np.broadcast_to(2.0 * degrees(space) + space.dim, (len(squares),))
         if front is not None:
-            self.edges = fronts.look(space, front, smooth)
+            self.edges = edges.look_at_front(space, front, smooth)
             return (None, None, ()) if self.edges is None else (self.edges.power, self.edges.rise, ())
         before = self._before if alike else None
         self.edges, around, most = edges.look(space, squares, before, smooth)

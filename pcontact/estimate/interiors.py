@@ -13,10 +13,9 @@ from pcontact.element.geometry import gradients
 from pcontact.element.quadrature import quadrature
 from pcontact.element.reference import CELLS, facet_nodes
 from pcontact.element.shape import shape, shape_gradient
-from pcontact.estimate.bubbles import bubbles, supports
 from pcontact.estimate.loads import force_density
 from pcontact.estimate.local import LocalFunctions, Moduli
-from pcontact.estimate.points import add_work
+from pcontact.estimate.points import add_work, bubbles, supports
 from pcontact.estimate.stress import own_nodes, turned
 from pcontact.space.constraints import RigidGroup
 

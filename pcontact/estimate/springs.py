@@ -10,10 +10,9 @@ from pcontact.assembly.patches import kind_of
 from pcontact.element.geometry import facet_geometry
 from pcontact.element.reference import CELLS, facet_points
 from pcontact.element.shape import shape
-from pcontact.estimate.bubbles import bubbles
 from pcontact.estimate.facets import facet_rule
 from pcontact.estimate.local import Bound
-from pcontact.estimate.points import NEUMANN
+from pcontact.estimate.points import NEUMANN, bubbles
 from pcontact.estimate.stress import own_nodes
 from pcontact.estimate.toward import side_rule, sides
 

@@ -15,7 +15,7 @@ from meshes.blocks import two_blocks
 from pcontact.adapt.history import Watch
 from pcontact.contact.law import OPEN, SLIP, STICK
 from pcontact.element.shape import shape, shape_gradient
-from pcontact.estimate import contacts, goal, together
+from pcontact.estimate import estimator, goal, residuals
 from pcontact.estimate.facets import FacetPairs
 from pcontact.estimate.goal import closing, contact_force, transposed, value
 from pcontact.estimate.goal import probe as goal_of_probe
@@ -183,9 +183,9 @@ def test_what_contact_exerts_on_a_dual_displacement_is_its_transposed_tangent(tm
     z, w, zero = space.vector(), rng.normal(size=(space.n_owned, 2)), space.vector()
     z.setArray(rng.normal(size=2 * space.n_owned))
     for name, own in (("tests_of", _shapes), ("bubbles", lambda *some: (shape(*some), shape_gradient(*some)))):
-        monkeypatch.setattr(contacts, name, own)
+        monkeypatch.setattr(residuals, name, own)
     names = [contact.contact.source, contact.contact.target]
-    exerted = contacts.ContactResiduals(problem, Cells(space, names))
+    exerted = residuals.ContactResiduals(problem, Cells(space, names))
     tested = [np.zeros((len(own), 5, own.shape[1], 2)) for own in space.cells]
     exerted.add_dual(contact, u, z, zero, tested)
     work = sum(np.vdot(t.sum(axis=1), w[own]) for t, own in zip(tested, space.cells, strict=True))
@@ -246,8 +246,8 @@ def test_gaps_between_facets_do_not_spoil_the_error_of_a_force(shared_tmp):
 
 def test_problems_of_cells_together_are_one_problem(solved, monkeypatch):
     """Dense algebra on the edges of a mesh, of which some are held."""
-    monkeypatch.setattr(together, "RTOL", 1e-10)
-    monkeypatch.setattr(together, "MOST", 10000)
+    monkeypatch.setattr(estimator, "RTOL", 1e-10)
+    monkeypatch.setattr(estimator, "MOST", 10000)
     space, rng = solved(1)[0].problem.space, np.random.default_rng(3)
     problems, edges = [], []
     for cells in space.cells:
@@ -271,7 +271,7 @@ def test_problems_of_cells_together_are_one_problem(solved, monkeypatch):
     free = np.setdiff1d(np.arange(size), np.concatenate(held))
     assert len(free) < size
     known = sides[1, free] @ np.linalg.solve(matrix[np.ix_(free, free)], sides[0, free])
-    assert together.Together(space, FacetPairs(space), False).product(problems) == pytest.approx(known, rel=1e-6)
+    assert estimator.Together(space, FacetPairs(space), False).product(problems) == pytest.approx(known, rel=1e-6)
 
 
 def test_points_that_are_pressed_around_them_count_as_closed():

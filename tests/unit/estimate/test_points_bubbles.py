@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pcontact.element.reference import CELLS, reference_nodes
-from pcontact.estimate.bubbles import bubbles, supports
+from pcontact.estimate.points import bubbles, supports
 
 SOLIDS = ["triangle", "quadrilateral", "tetrahedron", "hexahedron"]
 

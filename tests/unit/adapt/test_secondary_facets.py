@@ -10,7 +10,7 @@ from drivers.cases import rings
 from drivers.error_norms import bulk_error
 from meshes import rings as ring_mesh
 from pcontact import build
-from pcontact.adapt import facets
+from pcontact.adapt import secondary
 from pcontact.adapt.history import Watch
 from pcontact.adapt.secondary import FINER_SEE, answers, change_to, of_facets
 from pcontact.mesh.refinement.refine import Balance, refine
@@ -35,7 +35,7 @@ def test_rings_with_interference(shared_tmp):
     assert first.run(None, [watch], keep=True)
     first.close()
     targets = Target(0.1), Target(0.1, "pressure:circle")
-    smooth = answers(first, facets.smooth_facets(scene), Target(0.1, "energy,pressure:circle"))
+    smooth = answers(first, secondary.smooth_facets(scene), Target(0.1, "energy,pressure:circle"))
     found, pressure = (FINER_SEE["curved_facets"] * change_to(first, smooth[one.of], one, watch.record)
                        for one in targets)  # fmt: skip
     finer, balance = first.mesh, Balance(*build.balance(scene, Options()))
@@ -69,8 +69,8 @@ def test_rounded_cells_have_their_middles_on_circles(shared_tmp, cell):
     run = Simulation(quarter(shared_tmp, 6, cell))
     straight = run.mesh
     before = straight.points.copy()
-    mesh = facets.rounded(run.problem.space)
-    assert not straight.curved and np.array_equal(before, straight.points) and facets.OUTER not in mesh.facet_groups
+    mesh = secondary.rounded(run.problem.space)
+    assert not straight.curved and np.array_equal(before, straight.points) and secondary.OUTER not in mesh.facet_groups
     radius = np.linalg.norm(mesh.points, axis=1)
     was = np.linalg.norm(before, axis=1)
     for circle in (rings.SMALL, rings.MIDDLE, rings.LARGE):

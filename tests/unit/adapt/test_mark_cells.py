@@ -5,8 +5,8 @@ import pytest
 
 from drivers._common import make_mesh
 from meshes.blocks import one_block
-from pcontact.adapt.cells import MEASURED, Choice, locking, of_parts, parts_of
 from pcontact.adapt.effectivity import Range
+from pcontact.adapt.mark import MEASURED, Choice, locking, of_parts, parts_of
 from pcontact.adapt.passes import Pass
 from pcontact.mesh.distribute import load_mesh
 from pcontact.runtime.petsc import MPI

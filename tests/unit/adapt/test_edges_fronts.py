@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from meshes import two_blocks
-from pcontact.adapt.fronts import POWER, at_corners, front_of, zero_line
+from pcontact.adapt.edges import POWER, at_corners, front_of, zero_line
 from pcontact.adapt.history import Watch
 from pcontact.adapt.singularities import Corners
 from pcontact.element.reference import CELLS

@@ -1,0 +1,128 @@
+"""Numbers of the loop that reaches an error, each over and times 1.5: which of them change anything.
+
+Loops of `LOOPS`, scenes of `random_errors.py` in the plane with 5 %, are run with every number of ``pcontact/adapt``
+and ``pcontact/estimate`` as it is, over 1.5 and times 1.5. A number is one that a module has in capital letters; tables
+and words are left out, and modules that act in space alone. A row has the largest factor between the unknowns of the
+last meshes and those with the number as it is, the same of the errors named, and the passes and seconds of the
+processor of all loops together.
+
+Rows are kept in ``rows.jsonl`` of the folder as they come: a run goes on where an earlier one has ended.
+
+    python drivers/studies/ablation.py -o DIR
+"""
+
+import time as clock
+from dataclasses import replace
+from functools import partial
+from importlib import import_module
+from pathlib import Path
+from pkgutil import iter_modules
+
+import pcontact.adapt
+import pcontact.estimate
+from drivers._common import log, main, make_parser, print_table
+from drivers.studies._harness import Rows
+from drivers.studies._random_scenes import drawn
+from drivers.studies.random_errors import ENDS, UNKNOWNS
+from pcontact.adapt.loop import Loop
+from pcontact.runtime.parallel import on_root
+from pcontact.runtime.petsc import MPI
+from pcontact.scene.target import Budget, Target
+
+# seeds and what is named
+LOOPS = ((0, "energy"), (1, "displacement:outer_skin"), (5, "energy"), (8, "energy"), (11, "energy"))
+TARGET, FACTORS = 0.05, (1.0 / 1.5, 1.5)
+# words for exit statuses, sizes of arrays, and what rounding leaves
+NOT_TRIED = {"pcontact.adapt.edges", "pcontact.estimate.points"}
+NO_NUMBERS = {"REACHED", "FAILED", "SPENT", "CHUNK", "ROOM", "PART", "ZERO", "ROUNDED", "SAME_TIME", "NUMBER",
+              "TAKES_ALL"}
+COLUMNS = ("module", "name", "value", "times", "unknowns", "named", "passes", "seconds")
+
+
+def modules():
+    """All modules of both packages."""
+    return [import_module(f"{package.__name__}.{one.name}") for package in (pcontact.adapt, pcontact.estimate)
+            for one in iter_modules(package.__path__)]  # fmt: skip
+
+
+def numbers():
+    """Module, name and value of every number, where it is defined."""
+    for module in modules():
+        if module.__name__ in NOT_TRIED:
+            continue
+        text = Path(module.__file__).read_text(encoding="utf-8")
+        for name, value in sorted(vars(module).items()):
+            own = any(line.partition(" = ")[0].find(name) >= 0 and line[:1].isupper() for line in text.splitlines())
+            if name.isupper() and type(value) in (int, float) and own and name not in NO_NUMBERS:
+                yield module, name, value
+
+
+def loops(folder):
+    """Unknowns and errors of the last meshes of all loops, and passes and seconds together."""
+    unknowns, named, passes, start = [], [], 0, clock.process_time()
+    for seed, of in LOOPS:
+        accuracy = Target(TARGET, of, budget=Budget(unknowns=UNKNOWNS[2]))
+        loop = Loop(replace(drawn(seed).begun(folder), accuracy=accuracy), MPI.COMM_SELF)
+        try:
+            with log.quiet():
+                loop.run()
+        except ENDS as error:
+            log.info("seed %d: %s", seed, error)
+        last = loop.passes[loop.best - 1] if loop.passes else None
+        unknowns.append(last.unknowns if last else 0)
+        named.append(last.error if last else 0.0)
+        passes += len(loop.passes)
+    return {"unknowns": unknowns, "named": named, "passes": passes, "seconds": clock.process_time() - start}
+
+
+def changed(module, name, value, factor, folder):
+    """The loops with a number that is another one, in all modules that have it from there."""
+    other = type(value)(round(value * factor)) if type(value) is int else value * factor
+    of = [one for one in modules() if vars(one).get(name) is value and (one is module or name in vars(one))]
+    if other == value:
+        other = value + (1 if factor > 1.0 else -1)
+    try:
+        for one in of:
+            setattr(one, name, other)
+        return {"value": value, **loops(folder)}
+    finally:
+        for one in of:
+            setattr(one, name, value)
+
+
+def _run(args):
+    rows = Rows(args.o / "rows.jsonl", ("module", "name", "times"), comm=MPI.COMM_SELF)
+    loops(args.o)
+    first = rows.get({"module": "", "name": "as it is", "times": 1.0}, partial(loops, args.o))
+    for module, name, value in [] if args.table else numbers():
+        for factor in FACTORS:
+            key = {"module": module.__name__.partition(".")[2], "name": name, "times": round(factor, 2)}
+            row = rows.get(key, partial(changed, module, name, value, factor, args.o))
+            log.info("%s", row)
+    print_table("numbers over and times 1.5", COLUMNS, [_entry(row, first) for row in rows])
+
+
+def _entry(row, first):
+    def most(key):
+        pairs = [(a, b) for a, b in zip(row[key], first[key], strict=True) if a and b]
+        return float(f"{max([max(a / b, b / a) for a, b in pairs], default=float('inf')):.3g}")
+
+    return [row["module"], row["name"], row.get("value", "-"), row["times"], most("unknowns"), most("named"),
+            row["passes"], float(f"{row['seconds']:.2g}")]  # fmt: skip
+
+
+def run(args):
+    """Rows that are missing, and the table: on the first rank."""
+    on_root(MPI.COMM_WORLD, _run, args)
+    return 0
+
+
+def parser():
+    """The driver's options."""
+    p = make_parser(__doc__, str(Path.home() / "pcontact_ablation"))
+    p.add_argument("--table", action="store_true", help="no runs: what the rows say")
+    return p
+
+
+if __name__ == "__main__":
+    main(run, parser())
