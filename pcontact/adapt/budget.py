@@ -12,8 +12,8 @@ from pcontact.runtime.petsc import MPI
 
 # [-] Power of the unknowns that the seconds of a pass grow with. From: multigrid, and searches that take a little more.
 POWER = 1.1
-# [passes] At most that are played.
-PLAYED = 14
+# [passes] At most. From: each pass at least doubles the cells or is the last one.
+MOST = 14
 
 
 def costs(passes):
@@ -136,7 +136,7 @@ class Forecast(NamedTuple):
         return {"passes": len(self.unknowns), **self._asdict()}
 
 
-def forecast(comm, passes, squares, part, whole=False, most=PLAYED, degree=None, count=None):
+def forecast(comm, passes, squares, part, whole=False, most=MOST, degree=None, count=None):
     """Play the passes that bring the error of the last one down to a part of it. *Collective.*
 
     Parameters

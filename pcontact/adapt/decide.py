@@ -4,16 +4,15 @@ import time as clock
 
 import numpy as np
 
-from pcontact.adapt.budget import Aims, Budgeted, forecast
+from pcontact.adapt.budget import MOST, Aims, Budgeted, forecast
 from pcontact.adapt.mark import MEASURED, degrees, of_parts, parts_of
 from pcontact.adapt.passes import cost_of, said_of
 from pcontact.adapt.settings import AIM, FACETS, MORE_STEPS, NOTICED, SHARE, THIRD
 from pcontact.runtime import log
 
 REACHED, FAILED, SPENT = 0, 1, 4
-# [passes] At most; and those after which a mesh must have brought something. From: each pass at least doubles the cells
-# or is the last one.
-MOST, PATIENCE = 14, 3
+# [passes] After which a mesh must have brought something. From: each at least doubles the cells or is the last one.
+PATIENCE = 3
 # [-] Part of a budget that a mesh has to fill, where it is the limit, and the part that is aimed at. From: chosen; the
 # error falls with the root of the unknowns, or faster.
 FULL, FILLED = 0.85, 0.95

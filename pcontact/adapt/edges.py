@@ -33,7 +33,8 @@ from pcontact.mesh.refinement.refine import Rise
 from pcontact.mesh.topology import outer_facets
 from pcontact.runtime.petsc import MPI
 
-# [-] Sizes of cells of the last mesh over those of now, from which on the power is told. From: as in the plane.
+# [-] Sizes of cells of the last mesh over those of now, from which on the power is told. From: chosen;
+# closures alone make cells that much smaller.
 FINER = 1.5
 # [-] The largest power of an edge, and the least that is taken. From: a = 1, with which cells that become smaller
 # toward the edge gain nothing on others, and a = 1/2 of cracks and stiff punches; on coarse meshes squares fall less.

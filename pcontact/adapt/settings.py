@@ -21,16 +21,13 @@ AIM = 0.85
 THIRD = 1.0 / 3.0
 # parts of the error that finer meshes take away, and those that are due to the shape of facets
 FALLING, FACETS = ("mesh", "quadrature", "loads", "frozen_partners"), ("straight_facets", "curved_facets")
-# [-] Tolerances of Newton's method: that of the first pass over the target, and the least one. From: the first is
-# checked against the algebraic error of every pass.
-FIRST_RTOL, LEAST_RTOL = 0.01, 1e-10
-# [-] The largest ones: where norms are named, and where numbers are, whose changes are products of two of them. What is
-# left depends on how many ranks there are, whose preconditioners differ, and so do the squares of cells, and the next
-# mesh. From: Hertz's cylinder and rings, whose squares differ by 1e-4 with 1e-4 and by 1e-8 with 1e-8; the force of a
-# wound laminate, of which facets change a part that differs by 1e-4 with 1e-8. With 1e-8 instead of 1e-3 loops take 1.0
-# to 1.4 times as long. To take it only where another pass is expected, and to go on to it where the last one misses,
-# costs more: a third of the last passes miss.
-MOST_RTOL, MOST_RTOL_OF_NUMBERS = 1e-8, 1e-10
+# [-] Tolerances of Newton's method where norms are named, and the least one, where numbers are, whose changes are
+# products of two of them. What is left depends on how many ranks there are, whose preconditioners differ, and so do
+# the squares of cells, and the next mesh. From: Hertz's cylinder and rings, whose squares differ by 1e-4 with 1e-4
+# and by 1e-8 with 1e-8; the force of a wound laminate, of which facets change a part that differs by 1e-4 with 1e-8.
+# With 1e-8 instead of 1e-3 loops take 1.0 to 1.4 times as long. To take it only where another pass is expected, and
+# to go on to it where the last one misses, costs more: a third of the last passes miss.
+RTOL, LEAST_RTOL = 1e-8, 1e-10
 # Options of the linear solves of Newton's method [-], where partners are searched in its iterations, or bodies rub.
 # From: with looser ones normals under a punch differ by 1e-4 between one rank and two, and one of four numbers of ranks
 # takes a lug that closes on its pin to other points that stick: there is more than one solution, and what the solves
@@ -164,8 +161,7 @@ class Settings:
         self.goal = target.error or BEST_FIRST
         # new nodes lie on the facets of the first mesh, unless the geometry is known
         self.falling, self.staying = (FALLING, FACETS) if scene.mesh.geometry is None else (FALLING + FACETS, ())
-        most = MOST_RTOL_OF_NUMBERS if target.numbers else MOST_RTOL
-        self._rtol = float(np.clip(FIRST_RTOL * self.goal, LEAST_RTOL, most))
+        self._rtol = LEAST_RTOL if target.numbers else RTOL
         self.degree = Degree(options.get(key_options(MeshSpec)["order"], scene.mesh.order),
                              target.budget.unknowns or np.inf)  # fmt: skip
 

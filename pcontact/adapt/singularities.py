@@ -23,9 +23,6 @@ from pcontact.mesh.refinement.refine import Rise
 from pcontact.mesh.refinement.simplices import WISHED
 from pcontact.runtime.petsc import MPI
 
-# [-] Sizes of cells of the last mesh over those of now, from which on the power is told. From: chosen; closures alone
-# make cells that much smaller.
-FINER = 1.5
 # [-] Part of the power of smooth solutions below which a point is singular, and the least power. From: the punch, and
 # powers of smooth solutions on coarse meshes, which scatter by a fifth.
 SINGULAR, LEAST = 0.7, 0.5
@@ -165,7 +162,7 @@ def powers(space, now, before, pressure=None):
     """
     mesh, smooth = space.mesh, _smooth(space)
     told = (now[:, :2] > 0.0).all(axis=1) & (before[:, :2] > 0.0).all(axis=1) & (now[:, 2] == before[:, 2])
-    told[told] = before[told, 1] > FINER * now[told, 1]
+    told[told] = before[told, 1] > edges.FINER * now[told, 1]
     power, finer = smooth.copy(), np.ones(len(smooth))
     fallen, finer[told] = (before[told, k] / now[told, k] for k in range(2))
     power[told] = np.log(fallen) / np.log(finer[told])
