@@ -20,7 +20,7 @@ from pkgutil import iter_modules
 
 import pcontact.adapt
 import pcontact.estimate
-from drivers._common import log, main, make_parser, print_table
+from drivers._common import log, main, make_parser, markdown, print_table
 from drivers.studies._harness import Rows
 from drivers.studies._random_scenes import drawn
 from drivers.studies.random_errors import ENDS, UNKNOWNS
@@ -36,6 +36,14 @@ TARGET, FACTORS = 0.05, (1.0 / 1.5, 1.5)
 NOT_TRIED = {"pcontact.adapt.edges", "pcontact.estimate.points"}
 NO_NUMBERS = {"REACHED", "FAILED", "SPENT", "CHUNK", "ROOM", "PART", "ZERO", "ROUNDED", "SAME_TIME", "NUMBER",
               "TAKES_ALL"}
+PAGE = """# Numbers of the loop that reaches an error
+
+`python drivers/studies/ablation.py -o DIR --publish docs/tables/ablation.md` writes this page: what changes in five
+loops when a number is over or times 1.5. `unknowns` and `named`: the largest factor between those of the last meshes
+and those with the number as it is; 1: nothing changes. `passes` and `seconds` (of the processor, on a busy machine)
+are of all five. Numbers that change nothing here are those of ends that these loops do not meet (budgets, meshes that
+bring nothing, pressures), of rounding, and of sizes.
+"""
 COLUMNS = ("module", "name", "value", "times", "unknowns", "named", "passes", "seconds")
 
 
@@ -99,7 +107,10 @@ def _run(args):
             key = {"module": module.__name__.partition(".")[2], "name": name, "times": round(factor, 2)}
             row = rows.get(key, partial(changed, module, name, value, factor, args.o))
             log.info("%s", row)
-    print_table("numbers over and times 1.5", COLUMNS, [_entry(row, first) for row in rows])
+    found = [_entry(row, first) for row in rows]
+    print_table("numbers over and times 1.5", COLUMNS, found)
+    if args.publish is not None:
+        args.publish.write_text("\n".join([*PAGE.splitlines(), "", *markdown(COLUMNS, found), ""]), encoding="utf-8")
 
 
 def _entry(row, first):
@@ -121,6 +132,7 @@ def parser():
     """The driver's options."""
     p = make_parser(__doc__, str(Path.home() / "pcontact_ablation"))
     p.add_argument("--table", action="store_true", help="no runs: what the rows say")
+    p.add_argument("--publish", type=Path, metavar="FILE", help="the table is written there, too")
     return p
 
 
