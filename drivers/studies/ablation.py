@@ -107,7 +107,8 @@ def _run(args):
             key = {"module": module.__name__.partition(".")[2], "name": name, "times": round(factor, 2)}
             row = rows.get(key, partial(changed, module, name, value, factor, args.o))
             log.info("%s", row)
-    found = [_entry(row, first) for row in rows]
+    known = {(module.__name__.partition(".")[2], name) for module, name, _ in numbers()}
+    found = [_entry(row, first) for row in rows if (row["module"], row["name"]) in known or row is first]
     print_table("numbers over and times 1.5", COLUMNS, found)
     if args.publish is not None:
         args.publish.write_text("\n".join([*PAGE.splitlines(), "", *markdown(COLUMNS, found), ""]), encoding="utf-8")

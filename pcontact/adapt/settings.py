@@ -59,8 +59,9 @@ BEST_FIRST, BEST_PART = 0.05, 0.25
 ENTRIES = {2: 6.6, 3: 15.0}
 
 
-# [unknowns] Of degree 2, up to which the first pass has it. From: a pass of so many takes about as long as what all
-# passes take for no unknown at all; see `drivers/studies/random_errors.py`.
+# [unknowns] Of degree 2, up to which the first pass has it. From: chosen. On scenes of seeds 0 to 9 loops for the
+# energy take 0.5 to 1.2 of the time that they take from degree 1, those for numbers that a first pass of degree 1
+# reaches 0.9 to 4.4 times, with a twelfth of the error named at the median.
 FEW = 10_000
 
 
