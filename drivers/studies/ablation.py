@@ -111,7 +111,10 @@ def _run(args):
     found = [_entry(row, first) for row in rows if (row["module"], row["name"]) in known or row is first]
     print_table("numbers over and times 1.5", COLUMNS, found)
     if args.publish is not None:
-        args.publish.write_text("\n".join([*PAGE.splitlines(), "", *markdown(COLUMNS, found), ""]), encoding="utf-8")
+        left = sorted(f"{module} {name}" for module, name in known - {(row["module"], row["name"]) for row in rows})
+        rest = ["", f"Not run: {', '.join(left)}."] if left else []
+        lines = [*PAGE.splitlines(), *rest, "", *markdown(COLUMNS, found), ""]
+        args.publish.write_text("\n".join(lines), encoding="utf-8")
 
 
 def _entry(row, first):
