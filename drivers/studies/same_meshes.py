@@ -25,7 +25,7 @@ from pcontact.scene.target import Target
 ALL = SCENES | HELD_BACK
 # [-] Of the size of a mesh, to which coordinates are rounded.
 ROUNDED = 1e-9
-TINY = ("sheared,energy,0.1",)
+TINY = ("sheared,energy,0.02",)
 
 
 def digest(mesh):

@@ -31,6 +31,9 @@ REACH = 2.0
 # taken to be known; the same of the second mesh, before there is one. From: Hertz's cylinder and ball, receding
 # contact: 0.81 to 0.85; where it is less there are singular points, and one more mesh tells them.
 TRUST = 0.8
+# [-] Error of the next mesh over that of one which has reached the target of a quantity, and which no other mesh has
+# been compared with. From: chosen, as much as the change between them has to tell.
+CONFIRMED = 0.5
 # [-] Error of the energy norm that says nothing but that the mesh is too coarse to tell one: no displacement at all has
 # it; and growth of the cells, and of the load steps, then, at most. From: a ball pressed into metal, of whose first
 # mesh three facets touch it.
@@ -63,7 +66,7 @@ class Decision:
     def __init__(self, target, settings, passes, refining, comm):
         self._target, self._settings, self._passes, self._refining = target, settings, passes, refining
         self._start, self._budget, self.why = clock.perf_counter(), Budgeted(target.budget, comm), ""
-        self.aim = settings.goal
+        self.aim, self._reached = settings.goal, False
 
     def next(self, simulation, watch, done):
         """Exit status and None, or None and how to cut the cells of the mesh. *Collective.*
@@ -85,9 +88,9 @@ class Decision:
         self._settings.follow(done)
         goal = self._settings.goal
         self.aim = goal if self._target.best else self.aim
-        if done.error <= goal:
-            self.why = "reached"
-            return REACHED, None
+        self._reached = done.error <= goal
+        if self._reached and (len(self._passes) > 1 or self._target.quantity in ("energy", "pressure")):
+            return self._spent("")
         # first: what is wanted depends on what the mesh tells of singular points
         space, known = simulation.problem.space, self._alike() > 1
         seen = self._refining.look(space, watch, self._same_bodies())
@@ -100,6 +103,9 @@ class Decision:
         stays = self._look_at_what_stays(done)
         if stays and done.error <= self.aim:
             return self._spent(stays)
+        if self._reached:
+            # a dual problem on one mesh alone may miss what it is too coarse for: the next mesh tells
+            self.aim = CONFIRMED * done.error
         far = cost_of(self._passes, self.aim)["unknowns"]
         if not self._budget.given and self._alike() > PATIENCE and far > FARTHEST * done.unknowns:
             return self._spent(f"at the rate seen it would take {far:.2g} unknowns")
@@ -158,6 +164,9 @@ class Decision:
         return self.wanted(done, trust, MEASURED[done.known.dim, done.degree][0], aim)
 
     def _spent(self, why):
+        if self._reached:
+            self.why = "reached"
+            return REACHED, None
         # the least error that the budget allows is there
         self.why = why if self._target.best else f"not reached: {why}"
         return REACHED if self._target.best else SPENT, None

@@ -10,7 +10,7 @@ Weights and gamma are those of `pcontact.contact.traction.target`, with the cons
 have grown in the committed state and, in the place of J, the ratio of areas as they have stretched there, which does
 not change where bodies turn; at closed points it is J. They stay for a load step. Partners on facets beside convex
 corners of the target have no part: the stress there is singular, and says nothing of what presses on the next facet.
-They have it where points are beside a corner of the source, too.
+In contact of all surfaces they have it: the points there are a source as well.
 
 The stress of a partner's cell is evaluated where the cell is, with a message each way.
 """
@@ -33,9 +33,15 @@ STEP = 1e-4
 
 
 class FiniteTarget(TargetTraction):
-    """Stress of the cells of a target at partners that move; parameters as for `TargetTraction`."""
+    """Stress of the cells of a target at partners that move; parameters as for `TargetTraction`.
 
-    def _prepare(self, contact):
+    Attributes
+    ----------
+    radius : ndarray (np,)
+        Undeformed, of the partners of the last search [length].
+    """
+
+    def _prepare(self):
         space = self._space
         self.is_linear = self.symmetric = False
         self._behind = FiniteTraction(space, self._bulk, self._side, self._name)
@@ -52,7 +58,8 @@ class FiniteTarget(TargetTraction):
         self._counts = counts
         self._widths = [space.comm.allreduce(int(k), op=MPI.MAX) for k in counts.max(axis=0, initial=0)]
         self._asked = np.zeros(0, dtype=np.int64)
-        self._beside = tuple(beside_corners(space, name) for name in (self._name, contact.source))
+        if not self._is_one:
+            self._stiff[beside_corners(space, self._name)] = np.inf
 
     @property
     def nodes(self):
@@ -99,9 +106,10 @@ class FiniteTarget(TargetTraction):
         self._asked = self._asked[:0]
         columns = np.column_stack([found.place[:, 2:], found.normal, self._facing_area(found, source, faces)])
         said = self._ask(found.place, rows, columns[rows], answer)
-        numbers, nodes = np.zeros((len(near), 6)), np.repeat(found.nodes[:, :1], width + self._widths[1], axis=1)
-        nodes[:, :width], numbers[rows] = found.nodes, said[:, :6]
-        nodes[rows, width:] = said[:, 6:].astype(np.int64)
+        numbers, nodes = np.zeros((len(near), 5)), np.repeat(found.nodes[:, :1], width + self._widths[1], axis=1)
+        nodes[:, :width], numbers[rows] = found.nodes, said[:, :5]
+        self.radius = numbers[:, 4]
+        nodes[rows, width:] = said[:, 5:].astype(np.int64)
         return found._replace(nodes=nodes), self._facing(found, source, near, numbers, faces)
 
     def _at(self, facets, xi):
@@ -120,8 +128,8 @@ class FiniteTarget(TargetTraction):
 
     def growth(self, place, rows, values, p):
         """Of the partners' facets of some points (n,): how much stiffer their cells have grown, see
-        :class:`pcontact.contact.formulation.finite.FiniteTerms`, current over undeformed area, and undeformed radius:
-        (n, 4). In the middles of the facets: what partners slide does not change it. *Collective.*"""
+        :class:`pcontact.contact.formulation.finite.FiniteTerms`, and current over undeformed area: (n, 3). In
+        the middles of the facets: what partners slide does not change it. *Collective.*"""
         d = self._space.dim
 
         def answer(facets, _):
@@ -133,7 +141,7 @@ class FiniteTarget(TargetTraction):
             det = np.linalg.det(np.eye(d) + np.einsum("pai,paj->pij", moved, slope))
             w = np.maximum(np.divide(areas, det, out=np.ones(len(det)), where=det > 0.0), 1.0)
             found[:, 0] = np.maximum((1.0 + np.log(w)) * w**2, found[:, 0])
-            return np.column_stack([found, areas, traction.source.x[:, 0]])[back]
+            return np.column_stack([found, areas])[back]
 
         return self._ask(place, rows, place[rows, :0], answer)
 
@@ -205,7 +213,7 @@ class WeightedFiniteTraction(FiniteTraction):
         areas = np.linalg.norm(area_vectors(slope[rows], moved, source.normal[rows]), axis=1)
         other[rows], ratio[rows] = found[:, :2], areas / found[:, 2]
         if self._space.axisymmetric:
-            ratio[rows] *= found[:, 3] / source.x[rows, 0]
+            ratio[rows] *= self._target.radius[rows] / source.x[rows, 0]
         first, second = facing.first.copy(), facing.second.copy()
         first[:, 1] = self._alpha
         if not self._target.sticks:

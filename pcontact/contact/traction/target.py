@@ -141,15 +141,14 @@ class TargetTraction:
         self._side = source_surface(space, self._name, bulk.constants, 1, bulk.orthotropic, self.sticks)
         self._width = space.comm.allreduce(self._side.cells.shape[1], op=MPI.MAX)
         self._stiff = np.where(self._is_rigid(self._side.cells), np.inf, self._side.trace)
-        if contact.source == contact.target:
+        self._is_one = contact.source == contact.target
+        if self._is_one:
             # facets whose stress has what is imposed there, too
             self._stiff[source.mu == 0.0] = np.inf
-        # facets of target and source beside corners where the stress says nothing
-        self._beside = np.zeros(len(self._stiff), dtype=bool), np.zeros(len(source.cells), dtype=bool)
         self._share, self._own_share = Share(space, self._name, self._side), Share(space, contact.source, source)
-        self._prepare(contact)
+        self._prepare()
 
-    def _prepare(self, contact):
+    def _prepare(self):
         """Set the traction up."""
         self.traction = Traction(self._side).of_materials(self._space, self._bulk, self._name, 0.0)
         self.is_linear, self.symmetric = self.traction.is_linear, self.traction.symmetric
@@ -195,15 +194,14 @@ class TargetTraction:
 
     def _numbers(self, at, slope, nodal, contact, facing):
         """Trace constant, its part in shear, area vector along the contact normal (n, d), its length, and radius, of
-        partners that all points which face this rank's facets have, with areas ``facing`` (n,), and whether they are
-        beside a corner: (n, 6)."""
+        partners that all points which face this rank's facets have, with areas ``facing`` (n,): (n, 5)."""
         rows, radius = at.facet, at.x[:, 0]
         faces = area_vectors(slope, nodal[self._side.cells[rows]], at.normal)
         along, length = np.einsum("pd,pd->p", faces, contact), np.linalg.norm(faces, axis=1)
         covered = np.divide(facing, np.abs(along), out=np.zeros(len(rows)), where=along != 0.0)
         covered *= radius if self._space.axisymmetric else 1.0
         stiff = self._stiff / self._share(np.bincount(rows, covered, len(self._stiff)))
-        return np.column_stack([stiff[rows], self._side.shear[rows], along, length, radius, self._beside[0][rows]])
+        return np.column_stack([stiff[rows], self._side.shear[rows], along, length, radius])
 
     def _surface(self, rows, xi):
         """Points xi (n, d - 1) of facets (n,) of this rank as those of a source, gradients of the shape functions
@@ -259,7 +257,7 @@ class TargetTraction:
         self._order, self._count = rows[order], len(found.paired)
         self._asked = [(rank, len(one)) for rank, one in asked.items()]
         answers = self._answer(np.concatenate([np.zeros((0, 2 * d + 1)), *asked.values()]), nodal, m)
-        n, shapes = len(answers[0]), [(width,), (width, m, d), (6 + d,)]
+        n, shapes = len(answers[0]), [(width,), (width, m, d), (5 + d,)]
         wide = [np.zeros((n, *shape)) for shape in shapes]
         for whole, part in zip(wide, answers, strict=True):
             whole[:, : part.shape[1]] = part
@@ -323,7 +321,7 @@ class TargetTraction:
         nodes[rest, :width], nodes[rest, width:] = found.nodes[rest], found.nodes[rest, :1]
         found = found._replace(nodes=nodes)
         part = part if self.sticks else None
-        return found, Weighted(own, -other * facing.ratio, trace, part, numbers[:, 6:].copy()), derivative
+        return found, Weighted(own, -other * facing.ratio, trace, part, numbers[:, 5:].copy()), derivative
 
     def _near(self, found, source):
         """Points (np,) that ask their partners."""
@@ -337,16 +335,15 @@ class TargetTraction:
 
     def _facing(self, found, source, near, numbers, faces):
         """A :class:`Facing` of the points of a source with area vectors (np, d), of which some (np,) have asked, and
-        been told numbers (np, 6 or more) of :meth:`_numbers`."""
-        l2, shear2, along, length, radius, beside = numbers[:, :6].T
+        been told numbers (np, 5 or more) of :meth:`_numbers`."""
+        l2, shear2, along, length, radius = numbers[:, :5].T
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = np.abs(np.einsum("pd,pd->p", faces, found.normal) / along)
             askew = ratio * length / np.linalg.norm(faces, axis=1)
             if self._space.axisymmetric:
                 ratio *= radius / source.x[:, 0]
             both = near & (found.held < EDGE) & (askew <= ASKEW) & (askew >= 1.0 / ASKEW)
-        alone = ~both | np.isinf(l2) | ((beside > 0.0) & ~self._beside[1][source.facet])
-        still = (self._is_rigid(source.cells) | (source.mu == 0.0))[source.facet]
+        alone, still = ~both | np.isinf(l2), (self._is_rigid(source.cells) | (source.mu == 0.0))[source.facet]
         share = self._own_share(np.bincount(source.facet, source.jxw * both, len(source.cells)))
         first = np.column_stack([source.trace / share, source.shear])[source.facet]
         second = np.column_stack([np.where(alone, 1.0, l2), shear2])
@@ -473,10 +470,11 @@ class Share:
 def is_two_sided(space, bulk, contact):
     """Whether the traction of a contact by Nitsche's method is the weighted one of both sides. *Collective.*
 
-    It is, unless the contact says otherwise, between bodies. The second derivative of the stress, which the
+    It is, unless the contact says otherwise, between bodies. Where a body meets itself partners jump around corners,
+    with their stress, and sides are as stiff as each other. The second derivative of the stress, which the
     consistent adjoint of cells with small strain that yield has, is that of the source alone.
     """
-    if contact.target is None or contact.traction == "source":
+    if contact.target is None or contact.meets_itself or contact.traction == "source":
         return False
     groups = [space.mesh.facet_groups.get(name, []) for name in (contact.source, contact.target)]
     numbers = {facets.block for group in groups for facets in group if len(facets.cells)}

@@ -112,7 +112,8 @@ def test_it_takes_fewer_iterations_than_multigrid_of_the_whole_matrix(solve, cel
 
 def test_what_is_said_of_multigrid_is_said_of_the_lower_level(solve):
     simulation, _ = solve("triangle", (12, 9), petsc={"pc_gamg_threshold": "0.01", "mg_levels_ksp_max_it": "3"})
-    assert not simulation.unused()
+    # others are words of the process that runs the tests
+    assert not [line for line in simulation.unused() if "pc_gamg" in line or "mg_levels" in line]
     pc = simulation.newton.last_preconditioner()
     lower = pc.getMGCoarseSolve().getPC()
     assert (pc.getType(), lower.getType()) == ("mg", "gamg")
