@@ -10,7 +10,7 @@ from pcontact.importer.deck import EDGES, VERTICES, read_deck
 from pcontact.runtime.errors import InputError
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "scripts"))
-from compare_ccx import matched  # noqa: E402, I001
+from compare_ccx import matched  # noqa: E402
 from refine_deck import Pattern, children, linear, nodes_of, refine, shapes  # noqa: E402
 
 BRICK = """*NODE, NSET=all
