@@ -74,7 +74,7 @@ def test_report_and_history(mesh_file, run, shared_tmp):
         assert set(pair) == {
                 "force", "area", "max_pressure", "max_penetration", "deepest", "least_gap", "open", "stick", "slip",
                 "flipped", "passed", "left", "target_penetration", "facets", "normal_force", "friction_force",
-                "centre", "moment",
+                "centre", "moment", "unresolved",
             }  # fmt: skip
         assert pair["open"] + pair["slip"] == n_points and pair["stick"] == 0
         assert pair["area"] == pytest.approx(1.0)
