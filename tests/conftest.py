@@ -40,6 +40,7 @@ PASSED, SKIPPED, FAILED = 0, 1, 2
 OUTCOMES = {"passed": PASSED, "skipped": SKIPPED, "failed": FAILED}
 # how long a failed rank waits for the others to leave the test, in seconds
 PATIENCE = float(os.environ.get("PCONTACT_TEST_PATIENCE", 20.0))
+STATUS = pytest.StashKey()
 # messages of the tests' own communicators cannot be mistaken for these
 NOTES = WORLD.Dup() if WORLD.size > 1 else WORLD
 
@@ -115,6 +116,23 @@ def _abort(item, report):
                          f"{report.longreprtext}\n")
         sys.stderr.flush()
     WORLD.Abort(1)
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_sessionfinish(session, exitstatus):
+    """Keep the status of the session."""
+    session.config.stash[STATUS] = int(exitstatus)
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_unconfigure(config):
+    """End, on several ranks, without PETSc's last collective clean-up: where tests have raised exceptions ranks may
+    hold other objects than the others, and would wait for them for ever."""
+    if WORLD.size > 1 and STATUS in config.stash:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        MPI.Finalize()
+        os._exit(config.stash[STATUS])
 
 
 @pytest.fixture(autouse=True)
