@@ -151,7 +151,8 @@ class _Caller(Observer):
             stops = self._function(told_step) is False
             if told_step.next_size != schedule.size:
                 schedule.wish(told_step.next_size)
-        except Exception as problem:
+        # an exit or an interrupt of one rank alone, too: the others would wait for it
+        except BaseException as problem:
             error = problem
         why = None if error is None else f"{type(error).__name__}: {error}"
         told = comm.allgather((stops, why, schedule.size))

@@ -369,8 +369,8 @@ def forget_pattern(ksp):
     ksp.getPC().setOperators(None, None)
 
 
-# what marks a communicator whose PETSc has one of its own for good, and these
-_KEPT, _KEPT_INSIDE = MPI.Comm.Create_keyval(), []
+# what marks a communicator whose PETSc has one of its own for good
+_KEPT = MPI.Comm.Create_keyval()
 
 
 def keep_communicator(comm):
@@ -378,10 +378,12 @@ def keep_communicator(comm):
 
     PETSc gives it up with the last object on it, of which ranks let go at different times, above all after an
     exception. To make it anew is collective: a rank that has to would wait for ever for those that still have theirs.
+    So is what PETSc does as it ends, with what was put aside there, but ranks that have none do not take part: it stays
+    when Python lets go of everything.
     """
     if comm.Get_attr(_KEPT) is None:
         comm.Set_attr(_KEPT, True)
-        _KEPT_INSIDE.append(PETSc.Comm(comm).duplicate())
+        ctypes.pythonapi.Py_IncRef(ctypes.py_object(PETSc.Comm(comm).duplicate()))
 
 
 def free_garbage(comm):

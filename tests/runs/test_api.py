@@ -490,16 +490,17 @@ def test_a_run_that_was_ended_goes_on(folder):
 
 
 @parallel
-def test_on_step_that_fails(squares):
+@pytest.mark.parametrize("kind", [ZeroDivisionError, SystemExit, KeyboardInterrupt])
+def test_on_step_that_fails(squares, kind):
     """Its own error where it failed, one that tells of it elsewhere; the next run is none the worse."""
     failing = WORLD.size - 1
 
     def fail(step):
         if WORLD.rank == failing:
-            raise ZeroDivisionError("by my own hand")
+            raise kind("by my own hand")
 
-    expected, text = (ZeroDivisionError, "^by my own hand") if WORLD.rank == failing else (
-        RuntimeError, f"on_step failed on rank {failing}: ZeroDivisionError: by my own hand")  # fmt: skip
+    expected, text = (kind, "^by my own hand") if WORLD.rank == failing else (
+        RuntimeError, f"on_step failed on rank {failing}: {kind.__name__}: by my own hand")  # fmt: skip
     with pytest.raises(expected, match=text):
         pc.run(squares, on_step=fail)
     assert pc.run(squares).converged

@@ -1,5 +1,8 @@
 """What differs between versions of PETSc."""
 
+import shutil
+import sys
+
 import numpy as np
 import pytest
 
@@ -17,6 +20,7 @@ from pcontact.runtime.petsc import (
     known_types,
     own_options,
 )
+from tests.support.commands import launch
 
 COMM = MPI.COMM_WORLD
 ROWS = 40
@@ -168,3 +172,23 @@ def test_the_communicator_of_petsc_outlives_its_objects(keeps):
     assert [inner() for _ in range(3)] == [None, keeps or None, keeps or None]
     comm.Free()
     MPI.Comm.Free_keyval(mark)
+
+
+OTHERS = """if True:
+    import sys
+    from pcontact.runtime.petsc import MPI, PETSc, free_garbage
+    comm = MPI.COMM_WORLD
+    free_garbage(comm)
+    vector = PETSc.Vec().createMPI(comm.size, comm=comm)
+    if comm.rank:
+        vector.destroy()
+    # longer than the variables of modules
+    sys.held = vector
+"""
+
+
+@pytest.mark.skipif(shutil.which("mpirun") is None, reason="there is no mpirun")
+def test_programs_end_whose_ranks_hold_other_objects(tmp_path):
+    """As after an exception: PETSc's last clean-up is one of all ranks, whatever they have."""
+    done = launch(["mpirun", "-n", "2", sys.executable, "-c", OTHERS], tmp_path)
+    assert done.returncode == 0, done.stderr
