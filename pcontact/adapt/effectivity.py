@@ -225,13 +225,11 @@ class Effectivity:
         Returns
         -------
         left, likely : float
-            The larger one of what cells tell one by one and together, and the mean of both: the former is too large
-            where cells of both signs cancel, the latter too small on coarse meshes and where the solution is singular.
-            Or twice the same. Where the dual problem has not foretold how the quantity changed from the last mesh, the
-            larger one of `left` and :func:`left_after`; so where bodies yield, whatever it has foretold, for both.
+            That of the dual problem, twice. Where it has not foretold how the quantity changed from the last mesh, the
+            larger one of it and :func:`left_after` is what is `left`; so where bodies yield, whatever it has foretold,
+            for both.
         """
-        together = found.error if found.together is None else found.together
-        dual, likely = max(found.error, together, key=abs), 0.5 * (found.error + together)
+        dual = likely = found.error
         if self._target.quantity == "pressure":
             return dual, likely
         own, old, left = State.of(simulation, found.value), self._before, dual

@@ -21,21 +21,9 @@ vertex, see `pcontact.estimate.singular`. Integration by parts stands in for sec
     neumann    g - t           on the free and loaded boundary
     contact    P - t           along the direction of contact, without friction also across it
     friction   P - t           across it
-
-The local problems of triangles of degree 1, solved together.
-
-The functions that triangles of degree 1 lack are those of their edges, of degree 2. In the local problems each cell has
-its own; here both cells of an edge have one in common, and the displacement that is found is continuous. It is the
-error of the displacement in these functions, all of them at once, and its work on the residual of a dual displacement
-needs no traction between cells, as both sides' tractions cancel. A force or displacement has an error whose cells have
-both signs: what local problems miss of each by some percent may be more than is left of their sum.
-
-The stiffness of these functions alone has a condition number that does not depend on the size of the cells: conjugate
-gradients take a few dozen iterations.
 """
 
 from dataclasses import dataclass
-from functools import partial
 from types import SimpleNamespace
 from typing import NamedTuple
 
@@ -44,8 +32,8 @@ import numpy as np
 from pcontact.estimate.facets import FacetPairs
 from pcontact.estimate.interiors import Held, Interiors
 from pcontact.estimate.loads import Given
-from pcontact.estimate.local import energies, products, stiffnesses
-from pcontact.estimate.points import INTERIOR, PARTS, number_of, supports
+from pcontact.estimate.local import energies, products
+from pcontact.estimate.points import INTERIOR, PARTS, number_of
 from pcontact.estimate.residuals import ContactResiduals, FacetResiduals, stiffness
 from pcontact.estimate.singular import AroundVertices, SingularPoints
 from pcontact.estimate.springs import Springs
@@ -53,103 +41,6 @@ from pcontact.estimate.stress import BlockStress, softening
 from pcontact.estimate.tractions import Cells
 from pcontact.runtime.petsc import MPI
 from pcontact.space.space import ROOM, Kept
-
-# [-] Residual of the iteration over that of its start, and iterations at most. From: chosen; a laminate wound around
-# wood on 562 to 31,598 unknowns takes 79 to 101 iterations to 1e-8. The iteration is the same on any ranks.
-RTOL, MOST = 1e-4, 300
-
-
-class Together:
-    """Functions of the edges of triangles of degree 1, which both cells of an edge have in common.
-
-    Parameters
-    ----------
-    space : pcontact.space.space.Space
-    pairs : pcontact.estimate.facets.FacetPairs
-    yields : bool
-        Whether cells may yield.
-
-    Attributes
-    ----------
-    holds : bool
-        Whether all cells are such triangles, and do not yield.
-
-    Notes
-    -----
-    The constructor is *Collective*.
-    """
-
-    def __init__(self, space, pairs, yields):
-        self._space, self._pairs = space, pairs
-        other = any(len(b.nodes) and (b.cell, space.degree_of(b)) != ("triangle", 1) for b in space.mesh.blocks)
-        self.holds = not space.comm.allreduce(other, op=MPI.LOR) and space.dim == 2 and not yields
-
-    def product(self, problems):
-        """Work of the solution of one problem on the right-hand side of another. *Collective.*
-
-        Parameters
-        ----------
-        problems : list of (ndarray (nc, nb d, nb d), ndarray (nc, nb, d), ndarray (nc, nb, d), ndarray (nc, nb, d))
-            Of the cells of this rank, in their order: stiffness [force / length], components that supports hold, and
-            right-hand sides of both [force].
-
-        Returns
-        -------
-        float
-            [energy]
-        """
-        stiffness, *tables = zip(*problems, strict=True) if problems else ((), (), (), ())
-        held, first, second = (self._joined(self._table(some)) for some in tables)
-        held = held > 0.5
-        first, second = (np.where(held, 0.0, some) for some in (first, second))
-        matrices = self._by_edges(stiffness)
-        times = partial(self._times, matrices, held)
-        diagonal = self._joined(np.einsum("cii->ci", matrices).reshape(first.shape))
-        return self._dot(self._solved(times, first, np.where(held, 1.0, diagonal)), second)
-
-    def _order(self):
-        """Which function of a cell is that of its first facet, and so on."""
-        return np.argmax(supports("triangle", 1), axis=0)
-
-    def _by_edges(self, stiffness):
-        """Stiffness (nc, nf d, nf d) of all cells, with the functions in the order of the facets."""
-        rows = (self._space.dim * self._order()[:, None] + np.arange(self._space.dim)).ravel()
-        every = np.concatenate([np.zeros((0, len(rows), len(rows))), *stiffness])
-        return np.ascontiguousarray(every[:, rows[:, None], rows])
-
-    def _table(self, values):
-        """Values (n_facets, d) of the functions of all facets of all cells."""
-        order, d = self._order(), self._space.dim
-        return np.concatenate([np.zeros((0, d)), *(one[:, order].reshape(-1, d) for one in values)])
-
-    def _joined(self, values):
-        """Sums of both sides. *Collective.*"""
-        return values + self._pairs.other_side(values)
-
-    def _times(self, matrices, held, values):
-        product = np.einsum("cij,cj->ci", matrices, values.reshape(matrices.shape[:2]))
-        return np.where(held, 0.0, self._joined(product.reshape(values.shape)))
-
-    def _dot(self, one, other):
-        """Sum over all facets, those between cells once. *Collective.*"""
-        once = np.where(self._pairs.inner, 0.5, 1.0)
-        return self._space.comm.allreduce(float(once @ np.sum(one * other, axis=1)), op=MPI.SUM)
-
-    def _solved(self, times, right, diagonal):
-        """Conjugate gradients, preconditioned with the diagonal. *Collective.*"""
-        result, rest = np.zeros_like(right), right.copy()
-        way = rest / diagonal
-        before = begin = self._dot(rest, way)
-        for _ in range(MOST):
-            if before <= RTOL**2 * begin:
-                break
-            product = times(way)
-            step = before / self._dot(way, product)
-            result, rest = result + step * way, rest - step * product
-            turned = rest / diagonal
-            now = self._dot(rest, turned)
-            way, before = turned + now / before * way, now
-        return result
 
 
 @dataclass
@@ -259,9 +150,7 @@ class Estimator:
         self._exerted = ContactResiduals(problem, self.cells)
         self._interiors = Interiors(problem, self._springs, held, kept)
         self._around = AroundVertices(problem, pairs, self._springs, held, self._interiors, self._facets.kinds, kept)
-        yields = set(getattr(self._bulk, "states", {}))
-        self._singular = SingularPoints(self.space, pairs, yields)
-        self._together = Together(self.space, pairs, bool(yields))
+        self._singular = SingularPoints(self.space, pairs, set(getattr(self._bulk, "states", {})))
         # what yields under the last displacement; and time, displacement and residuals (all parts together) of the last
         # call, with which a quantity of the same solution begins
         self._found, self._last = {}, None
@@ -343,10 +232,8 @@ class Estimator:
 
         Returns
         -------
-        cells : list of ndarray (nc,)
+        list of ndarray (nc,)
             Of the cells of each block [energy].
-        together : float or None
-            Their sum, but that of one problem on all cells, see the head of this module; None where there is none.
         """
         own = [*self._loads, *holding[0]]
         nodal, tested = self._tested_before(u, time, own)
@@ -359,17 +246,12 @@ class Estimator:
         for contact in self._contacts:
             of = shifted if contact.name == goal.contact else z
             self._exerted.add_dual(contact, u, of, zero, against, rules)
-        problems = [] if self._together.holds else None
-        cells = [
-            self._solve(number, nodal, time, t, own, Dual(other, against[number], loads), problems)[:, 0]
-            for number, t in enumerate(tested)
-        ]
-        return cells, None if problems is None else self._together.product(problems)
+        return [self._solve(number, nodal, time, t, own, Dual(other, against[number], loads))[:, 0]
+                for number, t in enumerate(tested)]  # fmt: skip
 
-    def _solve(self, number, nodal, time, tested, own_loads, weight=None, problems=None):
+    def _solve(self, number, nodal, time, tested, own_loads, weight=None):
         """Squared energies (nc, n_parts + 1) of a block's local problems; or, with a :class:`Dual` as weight, their
-        energy products (nc, 1) with its local problems. To `problems` there are added their stiffness, held components
-        and both right-hand sides."""
+        energy products (nc, 1) with its local problems."""
         space, block, interiors = self.space, self.space.mesh.blocks[number], self._interiors
         out, tables = np.zeros((len(block.nodes), len(PARTS) + 1)), interiors.tables(number)
         for rows, volume in interiors.chunks(number, tables):
@@ -385,14 +267,7 @@ class Estimator:
             stress = BlockStress(space, self._elastic, number, rows, weight.nodal)
             others = weight.tested[rows].sum(axis=1)
             others += interiors.residual(number, rows, volume, tables, stress, time, weight.loads)
-            loads = loads.sum(axis=1)
-            products(functions, moduli, softer, bound, loads, others, volume.fixed, out[rows, 0])
-            if problems is not None:
-                matrices = np.empty((len(loads), loads[0].size, loads[0].size))
-                stiffnesses(functions, moduli, matrices)
-                sprung = bound.at >= 0
-                matrices[sprung] += bound.matrices[bound.at[sprung]]
-                problems.append((matrices, volume.fixed, loads, others))
+            products(functions, moduli, softer, bound, loads.sum(axis=1), others, volume.fixed, out[rows, 0])
         return out if weight is None else out[:, :1]
 
     @property

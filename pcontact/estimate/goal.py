@@ -216,8 +216,6 @@ class GoalError(NamedTuple):
         What the cells of each block have in it, with signs.
     loads, algebraic : float
         J(u) - J(u_h), as far as the quadrature of loads and the solver have.
-    together : float or None
-        The error as one problem on all cells tells it, where there is one.
     """
 
     value: float
@@ -225,7 +223,6 @@ class GoalError(NamedTuple):
     cells: list
     loads: float = 0.0
     algebraic: float = 0.0
-    together: float | None = None
 
 
 def place_of(target, record):

@@ -148,8 +148,7 @@ class ErrorEstimate(Observer):
             problem.tangent(u, tuple(closing.get(item, LAW) for item in problem.others))
         z.setArray(goal.dual(problem, found, self._newton.last_preconditioner()).ravel())
         holding = held(problem, unbalanced), self._held(u, z, found, closing)
-        cells, together = self._estimator.weighted(u, time, z, found, holding, closing)
-        cells, together = [found.sign * own for own in cells], None if together is None else found.sign * together
+        cells = [found.sign * own for own in self._estimator.weighted(u, time, z, found, holding, closing)]
         if closing:
             # what settings change is asked of the tangent at the solution
             problem.tangent(u)
@@ -160,7 +159,7 @@ class ErrorEstimate(Observer):
         work = [sum(own.sum() for own in cells), 0.0 if forces is None else found.sign * np.vdot(dual, forces),
                 -found.sign * np.vdot(dual, left.getArray(readonly=True).reshape(dual.shape))]  # fmt: skip
         error, loads, algebraic = problem.space.comm.allreduce(np.array(work, dtype=float), op=MPI.SUM).tolist()
-        return goal.GoalError(found.value, error, cells, loads, algebraic, together)
+        return goal.GoalError(found.value, error, cells, loads, algebraic)
 
     def _held(self, u, z, found, closing):
         """Return what holds groups that move on average in a dual displacement. *Collective.*"""
