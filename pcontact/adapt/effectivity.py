@@ -75,8 +75,8 @@ def part_of(coarse, fine, change):
 
 
 def between(simulation, before, coarse, steps=0.0):
-    """The part that the last two passes have seen; None where load steps may have changed as much as meshes.
-    *Collective.*
+    """The part that the last two passes have seen, None where load steps may have changed as much as meshes, and the
+    energy norm of what meshes have changed [sqrt(energy)]. *Collective.*
 
     Errors of load steps do not only become smaller when there are more of them: each step leaves its own trace in
     bodies that yield, where the edge of the contact was at its end.
@@ -94,8 +94,9 @@ def between(simulation, before, coarse, steps=0.0):
     """
     size = simulation.error_estimate.norm(beyond(simulation, before.ravel()))
     if steps**2 > STEPS * size**2:
-        return None
-    return part_of(coarse, simulation.error_estimate.over_steps, np.sqrt(size**2 - steps**2))
+        return None, size
+    change = float(np.sqrt(size**2 - steps**2))
+    return part_of(coarse, simulation.error_estimate.over_steps, change), change
 
 
 class State(NamedTuple):
@@ -174,7 +175,8 @@ class Effectivity:
     told : str
         What has told the error of the quantity.
     unforeseen : float
-        Change of the quantity from the mesh before that its dual problem has not foretold; 0: it has.
+        Change of the quantity from the mesh before that its dual problem has not foretold, or of the displacement, in
+        the energy norm, from a mesh of the same degree; 0: it has, or there is none.
     """
 
     def __init__(self, target):
@@ -197,9 +199,10 @@ class Effectivity:
         own, space, old = simulation.error_estimate.over_steps, simulation.problem.space, self._before
         self._before = own, space.degree
         begun = None if simulation.begin is None else simulation.begin.at(watch.time)
+        self.unforeseen = 0.0
         if old is not None and old[1] == space.degree and begun is not None:
-            pair = between(simulation, begun, old[0], steps)
-            self._part = self._part if pair is None else pair
+            pair, change = between(simulation, begun, old[0], steps)
+            self._part, self.unforeseen = (self._part, 0.0) if pair is None else (pair, change)
         if self._part is not None:
             return self._part, Range(*SEEN, "meshes that have been compared", space.dim)
         degree = min([space.degree, *(space.degree_of(block) for block in space.mesh.blocks)])

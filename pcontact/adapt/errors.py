@@ -123,9 +123,8 @@ class Measure:
         self._add_loads(comm, watch, forces, done.parts)
         if self._effectivity.unforeseen:
             # the mesh before is not the better one because its error was not seen there
-            before, missed = self._passes[-1], self._effectivity.unforeseen / size + done.parts["mesh"]
-            before.parts["mesh"] = max(before.parts["mesh"], missed)
-            before.error = sum(before.parts.values())
+            change, left = self._effectivity.unforeseen / size, done.parts["mesh"]
+            self._passes[-1].at_least(np.hypot(change, left) if self._target.quantity == "energy" else change + left)
         self._last = found, likely, size
         self._passes.append(done)
         return done

@@ -148,6 +148,17 @@ class Pass:
         """Whether the errors of two passes are those of one thing and degree."""
         return (self.of, self.degree) == (other.of, other.degree)
 
+    def at_least(self, error):
+        """Take notice that the mesh has an error, relative, that was not seen on it: what was expected of the next mesh
+        was a part of that."""
+        old = self.parts["mesh"]
+        self.parts["mesh"] = new = max(old, float(error))
+        if old > 0.0:
+            self.part *= old / new
+            if self.next is not None and self.next["mesh"] is not None:
+                self.next = {**self.next, "mesh": self.next["mesh"] * new / old}
+        self.error = sum(self.parts.values())
+
     def report(self):
         """Its entry of the report."""
         names = ("unknowns", "cells", "degree", "error", "expected", "estimate", "parts", "steps", "seconds", "solve",

@@ -12,12 +12,14 @@ from pcontact.adapt.effectivity import (
     UNSEEN,
     YIELDING,
     Effectivity,
+    Range,
     State,
     between,
     fallen,
     left_after,
     part_of,
 )
+from pcontact.adapt.passes import Pass
 from pcontact.estimate.goal import GoalError
 from pcontact.scene.target import Target
 
@@ -50,9 +52,10 @@ def _between(steps):
 
 def test_load_steps_that_change_as_much_as_meshes():
     """What they may have changed is no change of meshes; where it is much, nothing is said."""
-    assert _between(0.0) == pytest.approx(0.5 * np.sqrt(1.0 - ALIKE**2))
-    assert _between(0.6) == pytest.approx(_between(0.0) / 0.8)
-    assert _between(0.8) is None
+    assert _between(0.0)[0] == pytest.approx(0.5 * np.sqrt(1.0 - ALIKE**2))
+    assert _between(0.6)[0] == pytest.approx(_between(0.0)[0] / 0.8)
+    assert _between(0.6)[1] == pytest.approx(0.8 * _between(0.0)[1])
+    assert _between(0.8)[0] is None
 
 
 def test_what_is_left_of_a_quantity():
@@ -112,9 +115,20 @@ def test_the_part_is_that_of_meshes_once_two_have_been_compared(plastic):
     simulation.error_estimate.over_steps = 0.6
     part, known = seen.part(simulation, watch, 0.0)
     assert part == pytest.approx(0.8) and known[:2] == SEEN
+    assert seen.unforeseen == 1.0
     # one whose estimate has not fallen counts until the next one
     part, known = seen.part(simulation, watch, 0.0)
     assert part == pytest.approx(0.36) and known[:2] == SEEN
     # as long as load steps may have changed as much as the mesh, what was seen before counts
     simulation.error_estimate.over_steps = 0.1
-    assert seen.part(simulation, watch, 0.9)[0] == pytest.approx(0.36)
+    assert seen.part(simulation, watch, 0.9)[0] == pytest.approx(0.36) and seen.unforeseen == 0.0
+
+
+def test_an_error_that_was_not_seen_on_a_mesh_counts_there():
+    """What was expected of the next mesh is the same part of it, and so is what the estimate is."""
+    done = Pass(100, 50, 2, 0.1, Range(0.8, 1.5, "", 2), {"mesh": 0.1, "loads": 0.01}, 0.11, part=0.8,
+                next={"mesh": 0.05})  # fmt: skip
+    done.at_least(0.05)
+    assert (done.error, done.part, done.next["mesh"]) == pytest.approx((0.11, 0.8, 0.05))
+    done.at_least(0.4)
+    assert (done.error, done.part, done.next["mesh"]) == pytest.approx((0.41, 0.2, 0.2))
