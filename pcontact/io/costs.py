@@ -16,7 +16,7 @@ MARKS = ("start", "read", "distribute", "set_up", "assembly", "solve")
 # what the searches count
 COUNTS = ("searches", "points", "asked", "candidates", "gathered_bytes")
 MB = 1024.0**2
-# seconds of a load step over those without the piece, ball on block (docs/performance.md)
+# seconds of a load step over those without the piece, ball on block (docs/performance_details.md)
 FRICTION_TIMES, PLASTIC_TIMES = "0.8 to 1.6", "2.2 to 2.9"
 # the same of finite strain (docs/finite_strain.md), and the bytes that contact which moves holds over those of contact
 # that does not. From: blocks and ball on block, 1.9 to 2.4 times as many

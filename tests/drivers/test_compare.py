@@ -81,14 +81,12 @@ def test_formulations_on_one_mesh(shared_tmp):
 def test_tiny(tmp_path):
     args = parse(make_options(), ["--tiny", "-o", str(tmp_path / "out")])
     make_directory(args.o)
+    args.publish = paper = tmp_path / "paper.md"
+    paper.write_text(f"# Head\n\n{MARK}\n\nold")
     assert run(args) == 0
     assert (args.o / "compare.json").exists()
     for name in ("formulations_1.png", "formulations_1_effort.png"):
         assert 1000 < (args.o / name).stat().st_size < 150_000
-    paper = tmp_path / "paper.md"
-    paper.write_text(f"# Head\n\n{MARK}\n\nold")
-    args.publish = paper
-    assert run(args) == 0
     text = paper.read_text()
     assert text.startswith("# Head") and "formulations_1.png" in text and "old" not in text
     assert (tmp_path / "formulations_1_effort.png").exists() and "| penalty | 5 |" in text
