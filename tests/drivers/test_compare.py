@@ -81,6 +81,7 @@ def test_formulations_on_one_mesh(shared_tmp):
 def test_tiny(tmp_path):
     args = parse(make_options(), ["--tiny", "-o", str(tmp_path / "out")])
     make_directory(args.o)
+    assert run(args) == 0
     args.publish = paper = tmp_path / "paper.md"
     paper.write_text(f"# Head\n\n{MARK}\n\nold")
     assert run(args) == 0

@@ -222,7 +222,8 @@ def test_three_ranks_that_are_stopped(tmp_path):
     try:
         process.send_signal(signal.SIGTERM)
         time.sleep(1.0)
-        check_whole(tmp_path / "case" / "out", 2)
+        # mpirun kills what takes longer than it waits: a file that was being written may be left aside
+        check_whole(tmp_path / "case" / "out", 2, aside=True)
         error = process.communicate(timeout=20)[1]
     finally:
         process.kill()
