@@ -48,6 +48,10 @@ class Options:
         names = (name, *(old for old, new in RENAMED.items() if new == name))
         return next((self._new(one) and one for one in names if self._db.hasName(one)), None)
 
+    def _where(self, name):
+        """Where an option was given, for messages: what was proposed and is wrong stands in the scene."""
+        return "scene: petsc" if name in self.entered else self.said
+
     def _new(self, name):
         """The name that an option has now, with a warning, once, where that is another one."""
         if name in RENAMED and name not in self._warned:
@@ -76,11 +80,18 @@ class Options:
         name = self._said(option.name)
         if name is None:
             return option.default if default is UNSAID else default
-        return option.read(self._db.getString(name, ""), self.said)
+        return option.read(self._db.getString(name, ""), self._where(name))
 
     def beginning(self, words):
         """Options in the database, and their values, whose names begin with one of some words; they count as used."""
         return {name: self._db.getString(name, "") for name in self._db.getAll() if name.startswith(words)}
+
+    def number(self, name):
+        """The number that the text of an option of PETSc's is; NaN where it is none."""
+        try:
+            return float(self._db.getString(name, ""))
+        except ValueError:
+            return float("nan")
 
     def refusal(self, name, allowed):
         """The error to raise: the option's name, what was found, what is allowed.
@@ -90,7 +101,7 @@ class Options:
         InputError
         """
         raw = self._db.getString(name, "")
-        return InputError(f"{self.said}: -{name}: found {repr(raw) if raw else 'nothing'}; allowed: {allowed}")
+        return InputError(f"{self._where(name)}: -{name}: found {repr(raw) if raw else 'nothing'}; allowed: {allowed}")
 
     def propose(self, defaults):
         """Enter solver defaults that the user did not set.

@@ -17,8 +17,11 @@ LOST_ITERATIONS = 10
 FEW = 64
 # [-] A relative tolerance is below it. From: its meaning, the residual at first.
 RELATIVE = 1.0
-# relative tolerances of Eisenstat and Walker, as petsc4py calls them
-EISENSTAT_WALKER = {"rtol0": "rtol_0", "rtolmax": "rtol_max"}
+# options of SNES and KSP that say when an iteration ends
+TOLERANCES = (
+    "snes_rtol", "snes_atol", "snes_stol", "snes_max_it", "ksp_rtol", "ksp_atol", "ksp_max_it", "snes_ksp_ew_rtol0",
+    "snes_ksp_ew_rtolmax",
+)  # fmt: skip
 
 # Krylov methods for symmetric matrices, and those that have their preconditioner on the right by default
 SYMMETRIC = ("cg", "fcg", "pipecg", "groppcg", "minres", "symmlq", "cr", "pipecr")
@@ -228,13 +231,13 @@ def solver_vectors(space, operator, options):
     return residual, None if residual.getType() == own else residual.duplicate()
 
 
-def check_tolerances(snes, options):
-    """Refuse tolerances and limits of the user's that no iteration can mean: PETSc takes any number.
+def check_tolerances(options):
+    """Refuse tolerances and limits of the user's that no iteration can mean, before PETSc sees them.
+
+    Old versions of PETSc take any number, newer ones refuse some in words of their own.
 
     Parameters
     ----------
-    snes : PETSc.SNES
-        With its options set.
     options : pcontact.runtime.options.Options
 
     Raises
@@ -242,14 +245,10 @@ def check_tolerances(snes, options):
     InputError
         On every rank.
     """
-    krylov = snes.getKSP().getTolerances()
-    values = dict(zip(("snes_rtol", "snes_atol", "snes_stol", "snes_max_it"), snes.getTolerances(), strict=True))
-    values |= {"ksp_rtol": krylov[0], "ksp_atol": krylov[1], "ksp_max_it": krylov[3]}
-    values |= {f"snes_ksp_ew_{name}": snes.getParamsEW()[key] for name, key in EISENSTAT_WALKER.items()}
-    for name, value in values.items():
-        allowed = f"a number from 0 to below {RELATIVE:g}" if "rtol" in name else "a finite number >= 0"
+    for name in TOLERANCES:
         # written so that what is no number at all is refused, too
-        if options.given(name) and not 0 <= value < (RELATIVE if "rtol" in name else np.inf):
+        if options.given(name) and not 0 <= options.number(name) < (RELATIVE if "rtol" in name else np.inf):
+            allowed = f"a number from 0 to below {RELATIVE:g}" if "rtol" in name else "a finite number >= 0"
             raise options.refusal(name, allowed)
 
 

@@ -145,8 +145,8 @@ class Newton:
     def _take_options(self):
         """Set up SNES as the options say. *Collective.*"""
         try:
+            check_tolerances(self._options)
             self.snes.setFromOptions()
-            check_tolerances(self.snes, self._options)
         except (PETSc.Error, InputError) as error:
             self.snes.destroy()
             raise (error if isinstance(error, InputError) else self._options.fault(error)) or error from None
