@@ -88,6 +88,11 @@ if [[ ${1:-} != fast ]]; then
         part "$driver" one on_ranks 2 python3 "$driver" --tiny -o "$scratch/$(basename "$driver" .py)"
     done
 fi
+# for the eye, not judged: what the same press takes in this tree and at the last tag
+if [[ ${1:-} != fast ]] && tag=$(git describe --tags --abbrev=0 2>/dev/null); then
+    printf '== times beside %s\n' "$tag"
+    timeout --kill-after=10 600 python3 scripts/bench.py --against "$tag" --unknowns 5000 --repeat 2 -o "$scratch/bench" | tail -n 12
+fi
 if [[ -e $scratch/failures ]]; then cat "$scratch/failures"; fi
 printf 'total time %s s\n%d passed, %d failed\n' "$(seconds_since "$total")" "$passed" "$failed"
 ((failed == 0))
