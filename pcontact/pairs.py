@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from pcontact.contact.active_set import components_of as components_at
 from pcontact.contact.finite_pair import finite_pair
 from pcontact.contact.formulation.methods import coercive, contacts_of_halves, halved, is_unbiased, parameter
 from pcontact.contact.law import ADDED, contact_law, sticks_by_shear
-from pcontact.contact.motion import components_of as components_at
 from pcontact.contact.pair import NOTHING_MORE, Setting, contact_pair
 from pcontact.contact.report import ContactReport
 from pcontact.contact.search.all_surfaces import burdened, meetings, outer_surfaces, paired_elsewhere

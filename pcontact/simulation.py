@@ -23,10 +23,8 @@ from pcontact.io.snapshot import Snapshot
 from pcontact.mesh.mesh import bounding_box
 from pcontact.mesh.plex import view
 from pcontact.mesh.topology import Numbers
-from pcontact.runtime import compiling, log, process, profile
+from pcontact.runtime import jit, log, process, profile
 from pcontact.runtime.errors import TOLD, StepFailure, Stopped, nearby
-from pcontact.runtime.jit import CALLS
-from pcontact.runtime.kernel_cache import tell_uncached
 from pcontact.runtime.lock import reserved
 from pcontact.runtime.options import Options
 from pcontact.runtime.petsc import MPI, free_garbage
@@ -156,9 +154,9 @@ class Simulation:
     """
 
     def __init__(self, scene, comm=MPI.COMM_WORLD, said="command line", mesh=None, items=()):
-        self.start, self._kernels = clock.perf_counter(), (compiling.seconds(), compiling.memory())
+        self.start, self._kernels = clock.perf_counter(), (jit.seconds(), jit.memory())
         self.timing = dict.fromkeys(("search", "assembly", "linear", "solve", "output"), 0.0)
-        self.comm, self.options, self.profile, self.calls = comm, Options(said), profile.Profile(), CALLS.copy()
+        self.comm, self.options, self.profile, self.calls = comm, Options(said), profile.Profile(), jit.CALLS.copy()
         self.failure, self.stopped, self.records, self.snapshot, self.begin = None, False, None, None, None
         self.problem, self.newton, self.energy, self.every = None, None, None, True
         self._items = tuple(items)
@@ -180,7 +178,7 @@ class Simulation:
         # several runs of one process have their own peaks; what earlier ones left is freed first
         free_garbage(self.comm)
         log.forget_warnings()
-        tell_uncached()
+        jit.tell_uncached()
         profile.forget_peak()
         profile.mark("start")
         self.accuracy = Choice()
@@ -543,8 +541,8 @@ class Simulation:
     def times(self):
         """Timing block of the report: the slowest rank's seconds, memory summed over ranks. *Collective.*"""
         own = {**self.timing, "total": clock.perf_counter() - self.start,
-               "compile": compiling.seconds() - self._kernels[0],
-               "kernels_mb": (compiling.memory() - self._kernels[1]) / 1024.0**2}  # fmt: skip
+               "compile": jit.seconds() - self._kernels[0],
+               "kernels_mb": (jit.memory() - self._kernels[1]) / 1024.0**2}  # fmt: skip
         names = sorted(own)
         slowest, _ = profile.largest_and_sum(self.comm, names, own)
         memory = self.comm.allreduce(profile.memory()[0] / 1024.0**2)

@@ -14,7 +14,7 @@ import zlib
 from pathlib import Path
 
 from pcontact.io.examples import lay_out, scenes
-from pcontact.runtime import kernel_cache, log
+from pcontact.runtime import jit, log
 from pcontact.runtime.errors import InputError, OutputError
 from pcontact.runtime.files import replace_file
 from pcontact.runtime.process import environment_outside
@@ -47,8 +47,8 @@ def warm(jobs=None):
     InputError
         An example does not run, as where its mesh cannot be made.
     """
-    folder = kernel_cache.folder()
-    if not kernel_cache.can_keep(folder):
+    folder = jit.folder()
+    if not jit.can_keep(folder):
         raise OutputError(f"{folder}: compiled kernels cannot be kept; NUMBA_CACHE_DIR names another directory")
     what = "the examples" if scenes() else "the scene of `pcontact new`"
     record = folder / "warm"
@@ -56,15 +56,15 @@ def warm(jobs=None):
         return f"the kernels that {what} need{'' if scenes() else 's'} are there, in {folder}"
     names = sorted((path.stem for path in scenes()), key=lambda name: (*_FIRST, name).index(name)) or ["new"]
     jobs = min(jobs or len(os.sched_getaffinity(0)), len(names))
-    start, before = clock.perf_counter(), kernel_cache.count()
+    start, before = clock.perf_counter(), jit.count()
     log.info("compiling the kernels that %s need%s, once, in %d process%s; they are kept in %s", what,
              "" if scenes() else "s", jobs, "es" if jobs > 1 else "", folder)  # fmt: skip
     with tempfile.TemporaryDirectory() as scratch:
         _follow([_Worker(Path(scratch) / str(k), names[k::jobs]) for k in range(jobs)], len(names), before)
-    directories = kernel_cache.directories()
+    directories = jit.directories()
     there = [name for name in directories if (folder / name).is_dir()]
     replace_file(record, "\n".join([_version(directories), *there]))
-    return f"{kernel_cache.count() - before} kernels compiled in {clock.perf_counter() - start:.0f} s"
+    return f"{jit.count() - before} kernels compiled in {clock.perf_counter() - start:.0f} s"
 
 
 def _version(directories):
@@ -78,7 +78,7 @@ def _is_there(record):
         version, *names = record.read_text().splitlines()
     except (OSError, ValueError):
         return False
-    return version == _version(kernel_cache.directories()) and all((record.parent / name).is_dir() for name in names)
+    return version == _version(jit.directories()) and all((record.parent / name).is_dir() for name in names)
 
 
 class _Worker:
@@ -117,11 +117,11 @@ def _follow(workers, total, before):
     try:
         with log.Progress(total, "compiling", lines=5) as progress:
             while any([worker.process.poll() is None for worker in workers]):
-                progress.to(sum(worker.done() for worker in workers), f"{kernel_cache.count() - before} kernels")
+                progress.to(sum(worker.done() for worker in workers), f"{jit.count() - before} kernels")
                 clock.sleep(_OFTEN)
                 for worker in workers:
                     worker.check()
-            progress.to(total, f"{kernel_cache.count() - before} kernels")
+            progress.to(total, f"{jit.count() - before} kernels")
     finally:
         for worker in workers:
             worker.process.kill()

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcontact.contact import motion
+from pcontact.contact.active_set import misled
 from pcontact.contact.detection import Detection
 from pcontact.contact.formulation.finite import FiniteTerms
 from pcontact.contact.formulation.finite_geometry import (
@@ -289,7 +289,7 @@ class FinitePair(ContactPair):
         contact = self.terms.place(p, values)
         on = self._on_facets(contact, values)
         touches = closed | (found.paired & (found.gap <= 0.0)) | self._astray(on)
-        self.stale, *_ = motion.misled(self, u, found, contact.normal, time)
+        self.stale, *_ = misled(self, u, found, contact.normal, time)
         others = np.where(found.paired, found.ids, -1) != np.where(p.paired, p.ids, -1)
         turned = found.paired & (np.abs(found.normal - contact.normal).max(axis=1) > APART)
         # on the same facet, but held at its edge where it was not, or no longer

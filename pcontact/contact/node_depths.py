@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pcontact.contact.motion import DEEPER
+from pcontact.contact.active_set import DEEPER
 from pcontact.contact.search.partners import find_partners
 from pcontact.contact.search.projection import QueryPoints
 from pcontact.contact.surface.sides import target_surface

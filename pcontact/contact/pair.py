@@ -18,8 +18,7 @@ import numpy as np
 from pcontact.assembly.graph import BlockRows, node_graph
 from pcontact.assembly.item import LAW, Item
 from pcontact.assembly.matrix import OwnedRows
-from pcontact.contact import motion
-from pcontact.contact.active_set import PairActiveSet
+from pcontact.contact import active_set
 from pcontact.contact.detection import Detection
 from pcontact.contact.formulation.augmented import AugmentedLagrangian
 from pcontact.contact.formulation.averages import add_at_nodes
@@ -205,7 +204,7 @@ class ContactPair(Item):
         any.
     lost : (int, int)
         Points of this rank that the frozen partners have misled: that passed into their partner without a word, and
-        that have left it, see :func:`pcontact.contact.motion.lost`.
+        that have left it, see :func:`pcontact.contact.active_set.lost`.
     closing : float
         Largest gap at points of this rank that is closed, whatever the load, in the first load step [length].
     """
@@ -219,7 +218,7 @@ class ContactPair(Item):
         self.symmetric = (method.theta == 1.0 or not method.has_traction) and law.symmetric and terms.traction.symmetric
         self.history = PointHistory(source, law, terms, setting.wears)
         self.flips, self.status, self.lost, self.pairing = [], None, (0, 0), None
-        self.rows, self.active = PairPattern(space, len(source.facet)), PairActiveSet(self)
+        self.rows, self.active = PairPattern(space, len(source.facet)), active_set.PairActiveSet(self)
         # partners before those of the last search within a load step
         self.verifies, self.stale, self._former, self._turns, self.closing = not law.tied, 0.0, None, None, 0.0
         # with the moduli of its traction
@@ -265,7 +264,7 @@ class ContactPair(Item):
         # obstacles have moved on already, and displacements that are expected are not those of a solution
         compares = begun and expected is u and not self.rigid
         clear = gap - self.method.begins
-        self.lost = motion.lost(clear, paired, self.history.closed, size) if compares else (0, 0)
+        self.lost = active_set.lost(clear, paired, self.history.closed, size) if compares else (0, 0)
         self.closing = float(np.max(gap[paired & (self.contact.bilateral and not begun)], initial=0.0))
         found = self.terms.weigh(found, self.space.local.gather(expected))
         if not self.rigid or self.pairing is None:
@@ -334,14 +333,14 @@ class ContactPair(Item):
             return False
         found, keeps = self.search.find(u, time), tolerance if firm else 0.0
         former = None if self._former is None else self._former.normal
-        self.stale, part, lost = motion.misled(self, u, found, self.pairing.normal, time, keeps, former)
+        self.stale, part, lost = active_set.misled(self, u, found, self.pairing.normal, time, keeps, former)
         if part <= tolerance and (firm or not lost):
             return False
         # a gap that lies beyond the one before by turns goes less of the way
         p = self.pairing
         linear = self.terms.gap(p, p.exchange.gather(u))
         way = np.where(p.paired & found.paired, found.gap - linear, 0.0)
-        self._turns = motion.damped(way, self._turns)
+        self._turns = active_set.damped(way, self._turns)
         self.take_again(found._replace(gap=found.gap - (1.0 - self._turns[1]) * way), u, before, time)
         return True
 
@@ -431,7 +430,7 @@ class ContactPair(Item):
             self.history.path.add(self.state(u))
         self.history.commit(self.pairing, values, self.view(), time)
         if self.rigid:
-            self.lost = motion.lost_by_obstacle(self, u, values)
+            self.lost = active_set.lost_by_obstacle(self, u, values)
 
     # -- how the points stand -------------------------------------------------------------------------------------
 
@@ -447,8 +446,8 @@ class ContactPair(Item):
         return abs(self.search.target.angle(start, end)) if self.rigid else 0.0
 
     def normal_motion(self, u, before):
-        """See :func:`pcontact.contact.motion.normal_motion`. *Collective.*"""
-        return 0.0 if self.law.tied else motion.normal_motion(self, u, before)
+        """See :func:`pcontact.contact.active_set.normal_motion`. *Collective.*"""
+        return 0.0 if self.law.tied else active_set.normal_motion(self, u, before)
 
     def state(self, u):
         """Contact at the quadrature points of this rank. *Collective.*

@@ -22,7 +22,7 @@ class Observer:
         Parameters
         ----------
         target : float
-        result : pcontact.solve.result.NewtonResult
+        result : pcontact.solve.convergence.NewtonResult
         """
 
     def iterate(self, number, target, norms):

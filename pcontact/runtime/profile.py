@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pcontact.runtime import compiling
+from pcontact.runtime.jit import resident
 from pcontact.runtime.petsc import MPI, PETSc
 
 STAGES = ("read", "distribute", "set_up", "search", "solve", "output")
@@ -50,7 +50,7 @@ def _petsc_counts():
 def memory():
     """Largest and present resident set of this process [byte]."""
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
-    return peak, compiling.resident() or peak
+    return peak, resident() or peak
 
 
 def give_back():

@@ -1,10 +1,11 @@
-"""When Newton's method has converged.
-
-Whether the forces on each loose body balance along the motions that supports leave it.
+"""When Newton's method has converged, and how a solve of a load step ended.
 
 The norm of the residual is that of all bodies. One that hardly anything holds, beside others that are pressed hard, may
-bear less than the others leave open: its own forces are what says whether it has come to rest.
+bear less than the others leave open: what says whether it has come to rest is that its own forces balance along the
+motions that supports leave it.
 """
+
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -242,3 +243,53 @@ class ConvergenceTest:
         if norm <= part * self._problem.forces.acting(u):
             return True
         return norm <= part * ROUNDED * self._first and self._balanced(u, norm)
+
+
+@dataclass
+class NewtonResult:
+    """How a solve ended.
+
+    Attributes
+    ----------
+    converged : bool
+    newton, krylov : int
+        Iterations.
+    hardest : int
+        Krylov iterations of the linear solve that took most.
+    reason : str
+    residual, initial : float
+        Last and first norm of the residual [force].
+    detail : str
+        Of a solve that did not converge: where the residual is largest, and which pairs were changing.
+    uzawa : dict or None
+        Updates of multipliers around the solve, where there are any, see `pcontact.stepping.uzawa`.
+    free : list of int or None
+        Loose bodies on which no contact acts, where there are loose ones, see `pcontact.stepping.loose`.
+    partners : dict or None
+        What the last search for partners has said, see :class:`pcontact.stepping.partner_update.PartnerUpdate`.
+    final : bool
+        Whether a shorter load step would end in the same way.
+    """
+
+    converged: bool
+    newton: int
+    krylov: int
+    reason: str
+    residual: float
+    initial: float
+    detail: str = ""
+    uzawa: dict | None = None
+    hardest: int = 0
+    free: list | None = None
+    partners: dict | None = None
+    final: bool = False
+
+
+def combined(first, second):
+    """The second of two solves of a load step, with the iterations of both."""
+    return replace(
+        second,
+        newton=first.newton + second.newton,
+        krylov=first.krylov + second.krylov,
+        hardest=max(first.hardest, second.hardest),
+    )

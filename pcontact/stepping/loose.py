@@ -156,7 +156,7 @@ class LooseBodies:
             The solution that Newton's method has found; overwritten.
         before : PETSc.Vec
             The committed displacement.
-        result : pcontact.solve.result.NewtonResult
+        result : pcontact.solve.convergence.NewtonResult
 
         Returns
         -------

@@ -8,7 +8,7 @@ import numpy as np
 
 from pcontact.runtime import profile
 from pcontact.runtime.petsc import MPI
-from pcontact.solve.result import combined
+from pcontact.solve.convergence import combined
 from pcontact.stepping.uzawa import uzawa
 
 # [searches] Between the iterations of Newton's method in a load step at most, where closed points leave their facets.
@@ -40,7 +40,7 @@ class PartnerUpdate:
     most : int
         Searches of a load step where Newton's method has ended. What still changes after them has not converged.
     tolerance : float
-        Part of the answer that frozen partners may change, see :func:`pcontact.contact.motion.misled`.
+        Part of the answer that frozen partners may change, see :func:`pcontact.contact.active_set.misled`.
     items : list of pcontact.assembly.item.Item
         That are asked.
     multipliers : callable, optional
@@ -79,7 +79,7 @@ class PartnerUpdate:
 
         Returns
         -------
-        pcontact.solve.result.NewtonResult
+        pcontact.solve.convergence.NewtonResult
             With the iterations of all runs, and what the last search has said.
         """
         left, self._step, self._searches = [WITHIN], (before, time), 0

@@ -3,7 +3,7 @@
 import numpy as np
 
 from pcontact.assembly.loads import region_weights
-from pcontact.contact.motion import DEEPER
+from pcontact.contact.active_set import DEEPER
 from pcontact.material.elastic import equivalent_stress
 from pcontact.runtime import log
 from pcontact.runtime.petsc import MPI

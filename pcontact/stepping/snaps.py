@@ -28,14 +28,14 @@ class Snaps:
             The committed displacement; overwritten.
         begin, target : float
             Time of the committed displacement, and of the loads, which stand still.
-        failed : pcontact.solve.result.NewtonResult
+        failed : pcontact.solve.convergence.NewtonResult
             Of the load step to there.
         attempt : callable
             Solves a load step to a time, from a committed displacement, into ``u``.
 
         Returns
         -------
-        result : pcontact.solve.result.NewtonResult
+        result : pcontact.solve.convergence.NewtonResult
             Of the load step in which the bodies rest again; of that which failed if they find no rest.
         before : PETSc.Vec
             The committed displacement from which it has begun.

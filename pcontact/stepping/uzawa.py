@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from pcontact.contact.formulation.augmented import AugmentedLagrangian, update_multipliers
 from pcontact.runtime import log
-from pcontact.solve.result import combined
+from pcontact.solve.convergence import combined
 
 # [-] Change of the multipliers, in parts of the traction, up to which a load step may end after the last update, with a
 # warning. From: bodies enter each other by 1 % of what pressure does to a layer of cells.
@@ -53,7 +53,7 @@ class Uzawa:
         ----------
         u : PETSc.Vec
             Overwritten.
-        result : pcontact.solve.result.NewtonResult
+        result : pcontact.solve.convergence.NewtonResult
             Of that solution, which converged.
 
         Returns

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from meshes import one_block, two_blocks
-from pcontact.contact.motion import normal_motion
+from pcontact.contact.active_set import normal_motion
 from pcontact.runtime import log
 from pcontact.runtime.observer import Observer
 from pcontact.runtime.petsc import MPI

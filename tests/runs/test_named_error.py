@@ -31,7 +31,7 @@ from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec
 from pcontact.scene.reader import read_scene
 from pcontact.scene.target import Budget, Target
 from pcontact.simulation import Simulation
-from pcontact.solve.linear import Reuse
+from pcontact.solve.preconditioners import Reuse
 from tests.support.commands import execute
 from tests.support.wedges import cut_mesh
 

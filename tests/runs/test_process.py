@@ -382,7 +382,7 @@ def test_an_installation_that_cannot_be_written(tmp_path):
     shutil.copytree(ROOT / "pcontact" / "runtime", package / "runtime", ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copy(ROOT / "pcontact" / "__init__.py", package)
     (package / "kernel.py").write_text(
-        "from pcontact.runtime.jit import njit\nfrom pcontact.runtime.kernel_cache import tell_uncached\n"
+        "from pcontact.runtime.jit import njit\nfrom pcontact.runtime.jit import tell_uncached\n"
         "@njit\ndef f(x):\n    return x\nf(1)\ntell_uncached()\n"
     )
     for path in (*tmp_path.parents, tmp_path):

@@ -10,7 +10,7 @@ import pytest
 
 from pcontact import warm as module
 from pcontact.io.examples import FOLDER
-from pcontact.runtime import kernel_cache
+from pcontact.runtime import jit
 from pcontact.runtime.errors import InputError, OutputError
 from pcontact.warm import warm
 from tests.support.commands import TIMEOUT, environment
@@ -19,7 +19,7 @@ from tests.support.commands import TIMEOUT, environment
 @pytest.fixture
 def cache(tmp_path, monkeypatch):
     """A cache that has what the user's has."""
-    real = kernel_cache.folder()
+    real = jit.folder()
     real.mkdir(parents=True, exist_ok=True)
     folder = tmp_path / "cache"
     folder.mkdir()
@@ -33,7 +33,7 @@ def cache(tmp_path, monkeypatch):
 
 def test_a_second_call_finds_that_all_is_there(cache, tmp_path, monkeypatch):
     """Until a part of it goes, or an example is another one."""
-    name = next(name for name in kernel_cache.directories() if name.startswith("pcontact.assembly.solid-"))
+    name = next(name for name in jit.directories() if name.startswith("pcontact.assembly.solid-"))
     made, scene = [], tmp_path / "one.toml"
     scene.write_text("first")
 

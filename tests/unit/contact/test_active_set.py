@@ -8,7 +8,7 @@ import pytest
 from pcontact.assembly.item import Item
 from pcontact.contact.active_set import AGAIN, BORNE, still_closed, turned, weakest
 from pcontact.runtime.petsc import MPI
-from pcontact.solve.active_sets import ActiveSets
+from pcontact.solve.problem import ActiveSets
 from tests.support.few_unknowns import FewUnknowns, solved
 
 SELF = MPI.COMM_SELF

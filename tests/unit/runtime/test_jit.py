@@ -15,9 +15,8 @@ from types import SimpleNamespace
 import numba
 import pytest
 
-from pcontact.runtime import compiling, kernel_cache, log
-from pcontact.runtime.jit import PARTS
-from pcontact.runtime.kernel_cache import PACKAGE, _Uncached, sources
+from pcontact.runtime import jit, log
+from pcontact.runtime.jit import PACKAGE, PARTS, _Uncached, sources
 
 SOURCE = """
 from pcontact.runtime.jit import njit
@@ -28,7 +27,7 @@ def twice(x):
 """
 
 
-MEMORIES = kernel_cache._file_of, kernel_cache._read, kernel_cache.sources, kernel_cache._stamp
+MEMORIES = jit._file_of, jit._read, jit.sources, jit._stamp
 
 
 def imported(path):
@@ -75,7 +74,7 @@ def test_a_kernel_whose_callee_changes_is_compiled_anew(tmp_path, monkeypatch):
     }
     for name, text in files.items():
         (package / f"{name}.py").write_text(text)
-    monkeypatch.setattr(kernel_cache, "PACKAGE", package)
+    monkeypatch.setattr(jit, "PACKAGE", package)
     monkeypatch.setattr(_Uncached, "reason", None)
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "cache"))
     monkeypatch.syspath_prepend(str(tmp_path))
@@ -143,7 +142,7 @@ def test_another_copy_and_an_older_revision_find_what_is_compiled(tmp_path, monk
         (tmp_path / folder).mkdir(exist_ok=True)
         path = tmp_path / folder / "kernels.py"
         path.write_text(text)
-        kernel_cache._stamp.cache_clear()
+        jit._stamp.cache_clear()
         kernel = imported(path).twice
         kernel(1.5)
         return sum(kernel.stats.cache_hits.values())
@@ -152,27 +151,27 @@ def test_another_copy_and_an_older_revision_find_what_is_compiled(tmp_path, monk
     assert hits("other", SOURCE) == 1
     assert hits("one", SOURCE.replace("2.0", "3.0")) == 0
     assert hits("one", SOURCE) == 1
-    for number in range(kernel_cache.VERSIONS + 3):
+    for number in range(jit.VERSIONS + 3):
         hits("one", SOURCE.replace("2.0", f"{number}.5"))
-    assert len(list((tmp_path / "cache").iterdir())) == kernel_cache.VERSIONS
+    assert len(list((tmp_path / "cache").iterdir())) == jit.VERSIONS
 
 
 def test_a_run_that_compiles_says_so_once(tmp_path, monkeypatch, capsys):
     """Where the kernels go, and how long it took; a run that finds them says nothing."""
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "cache"))
-    monkeypatch.setattr(compiling._State, "said", False)
+    monkeypatch.setattr(jit._State, "said", False)
     path = tmp_path / "calling.py"
     path.write_text(CALLING)
-    before = compiling.seconds()
+    before = jit.seconds()
     with log.of_a_library():
         imported(path).sum_of(3, 2.0)
-    assert compiling.seconds() > before
+    assert jit.seconds() > before
     told = capsys.readouterr()
     assert (told.out + told.err).count(f"they are kept in {tmp_path / 'cache'}") == 1
-    before = compiling.seconds()
-    monkeypatch.setattr(compiling._State, "said", False)
+    before = jit.seconds()
+    monkeypatch.setattr(jit._State, "said", False)
     imported(path).sum_of(3, 2.0)
-    assert compiling.seconds() == before and not any(capsys.readouterr())
+    assert jit.seconds() == before and not any(capsys.readouterr())
 
 
 @pytest.mark.parametrize("terminal", [True, False])
@@ -180,19 +179,19 @@ def test_signs_of_life_while_one_kernel_is_compiled(monkeypatch, terminal):
     """A line that changes on a terminal; in a file one more from time to time, and nothing that a terminal obeys."""
     stream = io.StringIO()
     stream.isatty = lambda: terminal
-    state = SimpleNamespace(**{name: value for name, value in vars(compiling._State).items() if name[0] != "_"})
-    monkeypatch.setattr(compiling, "_State", state)
-    monkeypatch.setattr(compiling, "ON_TERMINAL", 0.01)
-    monkeypatch.setattr(compiling, "IN_FILE", 0.1)
-    monkeypatch.setattr(compiling, "resident", iter([5_000_000, 7_500_000]).__next__)
+    state = SimpleNamespace(**{name: value for name, value in vars(jit._State).items() if name[0] != "_"})
+    monkeypatch.setattr(jit, "_State", state)
+    monkeypatch.setattr(jit, "ON_TERMINAL", 0.01)
+    monkeypatch.setattr(jit, "IN_FILE", 0.1)
+    monkeypatch.setattr(jit, "resident", iter([5_000_000, 7_500_000]).__next__)
     state.seconds, state.kernels, state.bytes, state.said, state.told_at = 41.8, 6, 500_000, False, 41.8
     log.setup(0, stream)
-    with compiling.timed():
-        compiling.missed("folder")
+    with jit.timed():
+        jit.missed("folder")
         time.sleep(0.35)
     head, _, rest = stream.getvalue().partition("\n")
     assert head.endswith("kept in folder") and state.seconds >= 42.15 and state.teller is None
-    assert compiling.memory() == 3_000_000
+    assert jit.memory() == 3_000_000
     if terminal:
         shown = re.findall(r"\rcompiling kernels: (\d+ in \d+ s)", rest)
         assert shown[0] == "7 in 42 s" and len(shown) > 5

@@ -11,7 +11,7 @@ from drivers.cases.ironing import Forces, scene
 from meshes import ironing
 from pcontact.runtime.petsc import MPI, PETSc
 from pcontact.simulation import Simulation
-from pcontact.solve.result import NewtonResult
+from pcontact.solve.convergence import NewtonResult
 from pcontact.stepping.partner_update import PartnerUpdate
 
 WORLD = MPI.COMM_WORLD

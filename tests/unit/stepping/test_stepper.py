@@ -10,8 +10,8 @@ from pcontact.runtime.petsc import MPI
 from pcontact.scene.amplitude import drive
 from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Obstacle, Output, Scene, Steps
 from pcontact.simulation import Simulation
+from pcontact.solve.convergence import NewtonResult
 from pcontact.solve.problem import Features
-from pcontact.solve.result import NewtonResult
 from pcontact.stepping.schedule import Schedule
 from pcontact.stepping.stepper import Stages, Stepper
 from tests.support.records import Log

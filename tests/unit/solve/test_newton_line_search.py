@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pcontact.solve.globalisation import BEYOND, ENOUGH, FARTHEST, RESIDUALS, decrease_of, zero_of
+from pcontact.solve.newton import BEYOND, ENOUGH, FARTHEST, RESIDUALS, decrease_of, zero_of
 
 
 def pieces(*points):

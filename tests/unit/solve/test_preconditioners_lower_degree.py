@@ -7,7 +7,7 @@ from meshes.blocks import two_blocks
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Body, Contact, Coupling, Displacement, Load, Material, MeshSpec, Output, Scene
 from pcontact.simulation import Simulation
-from pcontact.solve.lower_degree import LowerDegree
+from pcontact.solve.preconditioners import LowerDegree
 from tests.support.small import DIMENSION
 from tests.support.wedges import cut_mesh
 

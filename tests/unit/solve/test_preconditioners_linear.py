@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from pcontact.solve.linear import GROWN, Reuse, solver_defaults
+from pcontact.solve.preconditioners import GROWN, Reuse, solver_defaults
 
 
 def solve(iterations, rtol=1e-3):
@@ -14,7 +14,7 @@ def solve(iterations, rtol=1e-3):
 
 def test_kept_while_it_takes_few_iterations_more(monkeypatch):
     """The first solve sets up; what a fresh one takes for a decade is the measure."""
-    monkeypatch.setattr("pcontact.solve.linear.LOST_ITERATIONS", 5)
+    monkeypatch.setattr("pcontact.solve.preconditioners.LOST_ITERATIONS", 5)
     reuse = Reuse()
     assert not reuse.keep(solve(0), 1.0)
     assert reuse.keep(solve(9), 1.0), "a fresh one took 3 for a decade"
