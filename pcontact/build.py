@@ -17,7 +17,7 @@ from pcontact.assembly.mass import Mass
 from pcontact.assembly.measures import SLIGHT
 from pcontact.assembly.nodal_field import NodalField
 from pcontact.assembly.patches import kind_of
-from pcontact.assembly.release import Release
+from pcontact.assembly.phases import Release
 from pcontact.assembly.solid import Solid
 from pcontact.assembly.springs import GroundSprings, SpinForces
 from pcontact.assembly.viscous import ViscousStabilisation
@@ -54,8 +54,7 @@ from pcontact.solve.problem import Features, Problem
 from pcontact.space.constraints import Equations, PretensionSection, RigidGroup, linear_rows, pair_rows, term_rows
 from pcontact.space.modes import colour, component_frames, free_motions, join
 from pcontact.space.space import Space
-from pcontact.space.supports import Supports
-from pcontact.space.turn import Turn
+from pcontact.space.supports import Supports, Turn
 
 # [modulus / size^2, per volume] What is added to the diagonal of the tangent, never to the residual, for bodies that no
 # support holds. Each Newton iteration reduces the error of such a body's position only to the ratio of this stiffness

@@ -10,9 +10,8 @@ from pcontact.contact.formulation.methods import coercive, contacts_of_halves, h
 from pcontact.contact.law import ADDED, contact_law, sticks_by_shear
 from pcontact.contact.pair import NOTHING_MORE, Setting, contact_pair
 from pcontact.contact.report import ContactReport
-from pcontact.contact.search.all_surfaces import burdened, meetings, outer_surfaces, paired_elsewhere
 from pcontact.contact.search.overlap import overlap
-from pcontact.contact.search.self_surface import self_surface
+from pcontact.contact.search.self_contact import burdened, meetings, outer_surfaces, paired_elsewhere, self_surface
 from pcontact.contact.segmentation.pieces import cut_source
 from pcontact.contact.surface.facet_maps import KIND
 from pcontact.contact.surface.obstacle import RigidObstacle, RigidSurface
@@ -139,7 +138,7 @@ def pair_of(space, bulk, contact, source, target, radius, setting=NOTHING_MORE):
 
     Parameters
     ----------
-    bulk : pcontact.assembly.bulk.Bulk
+    bulk : pcontact.assembly.solid.Bulk
     others
         See :func:`pcontact.contact.pair.contact_pair`.
     """
@@ -496,7 +495,7 @@ def contact_reports(scene, space, supports, free, bulk, tied):
     supports : pcontact.space.supports.Supports
     free : dict of int to ndarray (m, n_modes)
         Components that the supports do not hold, and the rigid motions left to them.
-    bulk : pcontact.assembly.bulk.Bulk
+    bulk : pcontact.assembly.solid.Bulk
     tied : dict of int to ContactPair
         Of :func:`tied_pairs`.
 

@@ -12,8 +12,7 @@ import numpy as np
 
 import pcontact
 from pcontact import build
-from pcontact.assembly.extension import extend
-from pcontact.assembly.release import borne_by, equilibrium
+from pcontact.assembly.phases import borne_by, equilibrium, extend
 from pcontact.io.checkpoint import ANYWAY, Checkpoint, Identity, checkpoint_time, keys_of, read_checkpoint, remembering
 from pcontact.io.costs import CostReport, Counters
 from pcontact.io.error_estimate import ErrorEstimate, label
@@ -76,9 +75,9 @@ class Kept(NamedTuple):
     memory : dict of str to dict
         What the parts of the problem remember, by their names, see :meth:`pcontact.assembly.item.Item.memory`.
     borne : ndarray (n_owned, d)
-        Forces of supports, groups and sections, see :func:`pcontact.assembly.release.borne_by`.
+        Forces of supports, groups and sections, see :func:`pcontact.assembly.phases.borne_by`.
     origins : dict of int to ndarray (n_owned, d)
-        See :class:`pcontact.assembly.release.Release`.
+        See :class:`pcontact.assembly.phases.Release`.
     keys : ndarray (n_owned,)
         Numbers of the nodes.
     """

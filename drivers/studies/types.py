@@ -16,7 +16,7 @@ import numpy as np
 from drivers._common import main, make_mesh, make_parser, print_table, write_json
 from drivers.studies._press import make_scene
 from meshes import ball_on_block
-from pcontact.assembly.operator import AIJ, BESIDE
+from pcontact.assembly.matrix import AIJ, BESIDE
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import MPI, PETSc, known_types
 from pcontact.simulation import Simulation

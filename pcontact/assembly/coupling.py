@@ -23,7 +23,7 @@ from pcontact.mesh.mesh import size_of
 from pcontact.runtime.errors import input_error
 from pcontact.runtime.petsc import MPI
 from pcontact.space.constraints import moved
-from pcontact.space.turn import moments
+from pcontact.space.supports import moments
 
 # [-] Least part of the largest inertia that turns about an axis at all. From: far above rounding errors, far below what
 # a group that is no line has.

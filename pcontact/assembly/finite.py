@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from pcontact.assembly.bulk import BlockStates, Bulk
 from pcontact.assembly.finite_kernels import (
     FiniteCells,
     FiniteState,
@@ -19,7 +18,7 @@ from pcontact.assembly.graph import BlockRows, multiply, node_graph
 from pcontact.assembly.item import LAW
 from pcontact.assembly.matrix import OwnedRows, positions
 from pcontact.assembly.measures import deformation_fields, deformations, mean_gradients
-from pcontact.assembly.solid import Solid
+from pcontact.assembly.solid import BlockStates, Bulk, Solid
 from pcontact.assembly.strains import NO_RING
 from pcontact.element.dilatation import components, factors, linear
 from pcontact.material.elastic import Elastic
@@ -301,7 +300,7 @@ class FiniteSolid(Bulk):
         return deformations(self.space, self.fields(u), self.parts)
 
     def energies(self, u):
-        """See :meth:`pcontact.assembly.bulk.Bulk.energies`: of the state that goes with ``u``. *Collective.*"""
+        """See :meth:`pcontact.assembly.solid.Bulk.energies`: of the state that goes with ``u``. *Collective.*"""
         nodal, own = self.space.local.gather(u), np.zeros(2)
         for _, _, cells, state in self.chunks():
             stored, p = np.zeros(cells.jxw.shape), np.zeros(cells.jxw.shape)
@@ -347,7 +346,7 @@ class MixedSolid(Bulk):
         self._place = positions(*self.finite.pattern(), *self.small.pattern())
 
     def count_from(self, origins):
-        """See :meth:`pcontact.assembly.bulk.Bulk.count_from`: of blocks without finite strain. *Collective.*"""
+        """See :meth:`pcontact.assembly.solid.Bulk.count_from`: of blocks without finite strain. *Collective.*"""
         self.origins = origins
         self.small.count_from(origins)
 
@@ -423,7 +422,7 @@ class MixedSolid(Bulk):
         return self.finite.deformations(u)
 
     def energies(self, u):
-        """See :meth:`pcontact.assembly.bulk.Bulk.energies`. *Collective.*"""
+        """See :meth:`pcontact.assembly.solid.Bulk.energies`. *Collective.*"""
         return tuple(sum(parts) for parts in zip(self.small.energies(u), self.finite.energies(u), strict=True))
 
     def distortions(self, u, held):

@@ -17,7 +17,7 @@ from pcontact.assembly.viscous import Sum
 from pcontact.runtime.parallel import take_rows
 from pcontact.runtime.petsc import MPI, PETSc
 from pcontact.scene.integrators import INTEGRATORS
-from pcontact.space.turn import moments
+from pcontact.space.supports import moments
 
 # what a checkpoint keeps of every node
 STATE = ("velocity", "acceleration", "force")
@@ -291,7 +291,7 @@ class Snap(Inertia):
     mass : pcontact.assembly.mass.Mass
     first : float
         First step of a motion [time].
-    bulk : pcontact.assembly.bulk.Bulk
+    bulk : pcontact.assembly.solid.Bulk
         The bodies, whose energy says what the steps of a motion, which may be long, have taken.
 
     Attributes

@@ -22,7 +22,7 @@ class ViscousStabilisation(Item):
     space : pcontact.space.space.Space
     eta : float
         [stress * time / length^2]
-    bulk : pcontact.assembly.bulk.Bulk
+    bulk : pcontact.assembly.solid.Bulk
         The bodies, whose stresses do the work that the viscosity is to be small against.
 
     Attributes

@@ -8,6 +8,7 @@ from pcontact.contact.active_set import misled
 from pcontact.contact.detection import Detection
 from pcontact.contact.formulation.finite import FiniteTerms
 from pcontact.contact.formulation.finite_geometry import (
+    AWAY,
     CLOSEST,
     FIXED,
     HELD,
@@ -20,7 +21,6 @@ from pcontact.contact.formulation.finite_geometry import (
     current_normals,
     tied_offsets,
 )
-from pcontact.contact.formulation.finite_held import AWAY
 from pcontact.contact.formulation.layer import FiniteLayerTerms
 from pcontact.contact.formulation.methods import facet_columns
 from pcontact.contact.law import OPEN, contact_law
@@ -365,7 +365,7 @@ def finite_pair(space, bulk, contact, source, target, radius, setting=NOTHING_MO
 
     Parameters
     ----------
-    bulk : pcontact.assembly.bulk.Bulk
+    bulk : pcontact.assembly.solid.Bulk
     others
         See :func:`pcontact.contact.pair.contact_pair`.
 

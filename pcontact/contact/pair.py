@@ -517,7 +517,7 @@ def contact_pair(space, contact, source, target, radius, setting=NOTHING_MORE, b
     radius : float
         Search radius [length].
     setting : Setting, optional
-    bulk : pcontact.assembly.bulk.Bulk, optional
+    bulk : pcontact.assembly.solid.Bulk, optional
         Has the materials of both sides; isotropic elasticity of the source alone without.
     law : pcontact.contact.law.Frictionless, optional
         Another law than the contact's.

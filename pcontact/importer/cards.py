@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from pcontact.runtime.errors import CONTROL, InputError, input_error
-from pcontact.space.turn import Turn
+from pcontact.space.supports import Turn
 
 # files that include each other
 DEEPEST = 20

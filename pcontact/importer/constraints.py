@@ -9,7 +9,7 @@ import numpy as np
 from pcontact.importer.deck import RIGID as ELEMENTS
 from pcontact.importer.deck import outward, surface_faces
 from pcontact.importer.history import amplitude_key
-from pcontact.space.turn import Turn
+from pcontact.space.supports import Turn
 
 # numbers of a term: node, degree of freedom, coefficient
 _TERM = 3

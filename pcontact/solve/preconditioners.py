@@ -40,7 +40,7 @@ the lower one is a preconditioner of its own, gamg by default.
 import numpy as np
 
 from pcontact.assembly.item import ActiveSet
-from pcontact.assembly.operator import AIJ, BESIDE
+from pcontact.assembly.matrix import AIJ, BESIDE
 from pcontact.element.reference import CELLS, reference_nodes
 from pcontact.element.shape import shape
 from pcontact.runtime import log

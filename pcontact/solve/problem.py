@@ -453,7 +453,7 @@ class Features:
     equations : pcontact.space.constraints.Equations or None
     lower : pcontact.space.constraints.Equations or None
         Those of nodes in the middles of bodies of degree 1 alone.
-    release : pcontact.assembly.release.Release or None
+    release : pcontact.assembly.phases.Release or None
         The item of what a phase of the run goes on from.
     inertia : pcontact.assembly.inertia.Inertia or None
     viscous : pcontact.assembly.viscous.ViscousStabilisation or None

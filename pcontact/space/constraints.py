@@ -28,7 +28,7 @@ from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import agree
 from pcontact.runtime.petsc import MPI
 from pcontact.space.modes import rigid_motions
-from pcontact.space.turn import moments
+from pcontact.space.supports import moments
 
 # [-] Part of a normal along a prescribed direction that counts as none. From: far above rounding errors.
 ACROSS = 1e-6

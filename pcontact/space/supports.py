@@ -1,11 +1,53 @@
-"""Prescribed displacements: rows of the system that are known beforehand."""
+"""Prescribed displacements: rows of the system that are known beforehand; places that turn about an axis."""
 
 import numpy as np
 
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import agree, together
 from pcontact.scene.functions import Prescribed
-from pcontact.space.turn import Turn, moments
+
+
+class Turn:
+    """Turns about an axis through a point; in the plane about the point.
+
+    Parameters
+    ----------
+    point : sequence of float (d,)
+        [length]
+    axis : sequence of float (3,) or None
+        Of any length; None in the plane.
+    angle : float
+        At factor 1 [radian].
+
+    Attributes
+    ----------
+    point : ndarray (d,)
+    """
+
+    def __init__(self, point, axis, angle):
+        self.point, self._angle = np.asarray(point, dtype=float), angle
+        if axis is None:
+            self._across = np.array([[0.0, -1.0], [1.0, 0.0]])
+        else:
+            x, y, z = np.asarray(axis, dtype=float) / np.linalg.norm(axis)
+            self._across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+    def displacement(self, points, factor):
+        """(Q - I) (x - point) of points (n, d) [length], small angles without lost digits (Rodrigues)."""
+        angle = factor * self._angle
+        moved = np.sin(angle) * self._across + 2.0 * np.sin(0.5 * angle) ** 2 * self._across @ self._across
+        return (points - self.point) @ moved.T
+
+    def angle(self, factor):
+        """Angle [radian] at a factor, or at an array of them."""
+        return factor * self._angle
+
+
+def moments(arms, forces):
+    """Sum of the moments of forces (n, d) at the ends of arms (n, d): a number in the plane, (3,) in space."""
+    products = np.cross(arms, forces) if arms.shape[1] == 3 else arms[:, 0] * forces[:, 1] - arms[:, 1] * forces[:, 0]
+    return products.sum(axis=0)
+
 
 # two supports that turn agree at a node where they are no farther apart than this part of its distance from the axis
 SAME = 1e-12
@@ -32,7 +74,7 @@ class Supports:
         radial component is held at zero; what no displacement prescribes there has the number after the last.
     regions : list of str
         Region of each displacement.
-    turns : dict of int to pcontact.space.turn.Turn
+    turns : dict of int to pcontact.space.supports.Turn
         Of the displacements that turn what they hold.
     groups : sequence of pcontact.space.constraints.RigidGroup
         That move as rigid bodies; whoever builds the problem adds them.

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from meshes.blocks import two_blocks
-from pcontact.assembly.operator import AIJ, BESIDE
+from pcontact.assembly.matrix import AIJ, BESIDE
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import MPI, PETSc, has_package, known_types
 from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Output, Scene

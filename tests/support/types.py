@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from pcontact.assembly.operator import AIJ, BESIDE
+from pcontact.assembly.matrix import AIJ, BESIDE
 from pcontact.runtime.petsc import PETSc, known_types
 
 DEVICES = {"aijcusparse": "/dev/nvidia0", "aijhipsparse": "/dev/kfd", "aijkokkos": "/dev/nvidia0"}

@@ -17,9 +17,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pcontact.contact.search.cones import holds_none, is_behind
 from pcontact.contact.search.exclusion import is_around, is_own
 from pcontact.contact.search.facet import GRID, LocalFacet, closest_on_facet, ray_on_facet
+from pcontact.contact.search.tree import holds_none, is_behind
 from pcontact.contact.surface.facet_maps import (
     SQUARE_CORNERS,
     TRIANGLE_CORNERS,

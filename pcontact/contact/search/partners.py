@@ -7,10 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pcontact.contact.search.cones import normal_cones
 from pcontact.contact.search.nearest import EVEN, GIVEN_UP, ROUNDING, TIE
 from pcontact.contact.search.projection import QueryPoints, TargetFacets, closest_points, ray_tracing
-from pcontact.contact.search.tree import build_tree
+from pcontact.contact.search.tree import build_tree, normal_cones
 from pcontact.contact.surface.facet_maps import facet_boxes, padded
 from pcontact.runtime import profile
 from pcontact.runtime.jit import njit_exact

@@ -32,10 +32,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pcontact.contact.search.cones import Cones, no_cones
 from pcontact.contact.search.exclusion import no_exclusion, writable
 from pcontact.contact.search.nearest import EVEN, ROUNDING, TIE, search_all
-from pcontact.contact.search.tree import Tree, build_tree
+from pcontact.contact.search.tree import Cones, Tree, build_tree, no_cones
 from pcontact.contact.surface.facet_maps import facet_boxes, simplest_kinds
 
 
@@ -57,7 +56,7 @@ class TargetFacets(NamedTuple):
         what is behind them where a point projects inside of them: they are its partners for those who own them. A rank
         that is also given the neighbours of its facets (those that share a node) decides as if it had them all, and
         `projection.better` of all ranks is then exactly the search in the whole surface.
-    cones : pcontact.contact.search.cones.Cones or None
+    cones : pcontact.contact.search.tree.Cones or None
         Of these facets and these places: facets that can hold no partner are left out early, and partners stay the
         same.
     """

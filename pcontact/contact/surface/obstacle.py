@@ -19,7 +19,7 @@ import numpy as np
 
 from pcontact.contact.search.projection import QueryPoints, TargetFacets, closest_points, surface_tree
 from pcontact.contact.surface.facet_maps import KIND
-from pcontact.space.turn import Turn
+from pcontact.space.supports import Turn
 
 # [cosine] Smallest one between the normal of a point and that of its partner: any.
 ANY = -2.0

@@ -434,7 +434,7 @@ class TargetSurface:
     smooth: object = None
     rim: Rim | None = None
 
-    # what points on the surface itself tell about themselves, see `pcontact.contact.search.self_surface`
+    # what points on the surface itself tell about themselves, see `pcontact.contact.search.self_contact`
     about = None
 
     def seen_from(self, facet, x):
@@ -445,7 +445,7 @@ class TargetSurface:
         """What is searched: deformed coordinates, kinds, numbers, which may be partners, nodes. *Collective.*
 
         The rim decides with the others whether a projection is held at an edge, as if all facets were on one rank, but
-        holds no partner itself. Without the nodes there are no cones of normals (`pcontact.contact.search.cones`):
+        holds no partner itself. Without the nodes there are no cones of normals (`pcontact.contact.search.tree`):
         where a surface meets another one, the search tries fewer than two facets per point, and cones would cost more
         than they save.
         """

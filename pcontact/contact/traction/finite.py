@@ -168,7 +168,7 @@ class FiniteTraction:
     Parameters
     ----------
     space : pcontact.space.space.Space
-    bulk : pcontact.assembly.bulk.Bulk
+    bulk : pcontact.assembly.solid.Bulk
         Holds the committed internal variables.
     source : pcontact.contact.surface.sides.SourceSurface
     name : str

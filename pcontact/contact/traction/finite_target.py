@@ -294,7 +294,7 @@ def finite_traction(space, bulk, contact, source, alpha):
     Parameters
     ----------
     space : pcontact.space.space.Space
-    bulk : pcontact.assembly.bulk.Bulk
+    bulk : pcontact.assembly.solid.Bulk
     contact : pcontact.scene.model.Contact
         With its numerics resolved.
     source : pcontact.contact.surface.sides.SourceSurface

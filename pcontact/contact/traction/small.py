@@ -518,7 +518,7 @@ class Traction:
         Parameters
         ----------
         space : pcontact.space.space.Space
-        bulk : pcontact.assembly.bulk.Bulk
+        bulk : pcontact.assembly.solid.Bulk
             Has the materials, the committed internal variables, and the displacement from which strain is counted.
         name : str
             Facet group of the source.

@@ -113,7 +113,7 @@ class TargetTraction:
     Parameters
     ----------
     space : pcontact.space.space.Space
-    bulk : pcontact.assembly.bulk.Bulk
+    bulk : pcontact.assembly.solid.Bulk
         Has the materials.
     contact : pcontact.scene.model.Contact
         With its numerics resolved.
@@ -488,7 +488,7 @@ def source_traction(space, bulk, contact, source, theta):
     Parameters
     ----------
     space : pcontact.space.space.Space
-    bulk : pcontact.assembly.bulk.Bulk
+    bulk : pcontact.assembly.solid.Bulk
     contact : pcontact.scene.model.Contact
         With its numerics resolved.
     source : pcontact.contact.surface.sides.SourceSurface

@@ -8,8 +8,7 @@ from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.amplitude import amplitude
 from pcontact.scene.model import Displacement
-from pcontact.space.supports import Supports
-from pcontact.space.turn import Turn, moments
+from pcontact.space.supports import Supports, Turn, moments
 from tests.support.small import make_space
 
 SELF = MPI.COMM_SELF

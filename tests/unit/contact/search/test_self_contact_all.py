@@ -6,7 +6,7 @@ import pytest
 from drivers._common import make_mesh, running
 from drivers.cases.stack import scene as heap_scene
 from meshes import heap, one_block, two_blocks
-from pcontact.contact.search.all_surfaces import facet_ids, outer_surfaces
+from pcontact.contact.search.self_contact import facet_ids, outer_surfaces
 from pcontact.mesh.read import read_mesh
 from pcontact.mesh.topology import components, once
 from pcontact.pairs import OUTER

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from meshes import spring
-from pcontact.contact.search.cones import normal_cones
 from pcontact.contact.search.projection import QueryPoints, TargetFacets, closest_points
-from pcontact.contact.search.self_surface import self_surface
-from pcontact.contact.search.tree import build_tree
+from pcontact.contact.search.self_contact import self_surface
+from pcontact.contact.search.tree import build_tree, normal_cones
 from pcontact.contact.surface.facet_maps import facet_boxes
 from pcontact.contact.surface.sides import source_surface, target_surface
 from pcontact.mesh.distribute import distribute

@@ -9,7 +9,7 @@ from pcontact.contact.formulation.methods import contacts_of_halves, halved
 from pcontact.contact.pair import contact_pair
 from pcontact.contact.search.partners import find_partners
 from pcontact.contact.search.projection import QueryPoints
-from pcontact.contact.search.self_surface import self_surface
+from pcontact.contact.search.self_contact import self_surface
 from pcontact.contact.surface.sides import source_surface, target_surface
 from pcontact.mesh.distribute import distribute
 from pcontact.mesh.read import read_mesh

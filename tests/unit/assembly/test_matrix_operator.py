@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from pcontact.assembly.matrix import ConstrainedMatrix, GlobalMatrix
-from pcontact.assembly.operator import Operator
+from pcontact.assembly.matrix import ConstrainedMatrix, GlobalMatrix, Operator
 from pcontact.runtime.petsc import MPI, PETSc
 from pcontact.scene.amplitude import amplitude
 from pcontact.scene.model import Displacement
