@@ -44,6 +44,7 @@ from pcontact.material.finite import (
     pressure_slope,
     stress_at,
     thickness,
+    to_tensor,
 )
 from pcontact.material.log_strain import compose, eigenpairs, twice_green, volume_change
 from pcontact.material.mandel import HALF, moduli_of
@@ -268,7 +269,7 @@ def point_of_cell(state, cells, c, q, mode, work):
     )
     if not good:
         return False
-    _to_tensor(work.point.stress, work.tensor)
+    to_tensor(work.point.stress, work.tensor)
     fb, ui, h = work.deformation, work.stretch, work.h[q]
     for i in range(3):
         for j in range(3):
@@ -289,16 +290,6 @@ def point_of_cell(state, cells, c, q, mode, work):
         for j in range(3):
             work.piola[i, j] = x * ui[0, j] + y * ui[1, j] + z * ui[2, j]
     return True
-
-
-@njit_inner
-def _to_tensor(v, out):
-    out[0, 0], out[1, 1], out[2, 2] = v[0], v[1], v[2]
-    out[0, 1] = HALF * v[3]
-    out[1, 0] = out[0, 1]
-    if v.shape[0] == 6:
-        out[1, 2], out[0, 2] = HALF * v[4], HALF * v[5]
-        out[2, 1], out[2, 0] = out[1, 2], out[0, 2]
 
 
 @njit_inner
@@ -589,23 +580,6 @@ def acoustic(state, cells, c, q, normal, work, out):
         for i in range(d):
             for j in range(d):
                 out[i, j] += slope * g[i] * g[j]
-
-
-@njit
-def piola_at(state, cells, nodal, mode, work, piola, slope):
-    """:func:`cell_piola` of all cells: P (nc, nq, d, d) and dP (nc, nq, d, d, nn d), or (0, ...) where STRESS.
-
-    Returns
-    -------
-    int
-        Cells that cannot be integrated; NaN there.
-    """
-    missed = 0
-    for c in range(len(cells.nodes)):
-        if not cell_piola(state, cells, nodal, c, mode, work, piola[c], slope[c if mode != STRESS else 0]):
-            missed += 1
-            piola[c] = np.nan
-    return missed
 
 
 @njit

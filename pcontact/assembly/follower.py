@@ -20,7 +20,7 @@ from pcontact.assembly.matrix import OwnedRows
 from pcontact.element.quadrature import quadrature
 from pcontact.element.reference import facet_nodes
 from pcontact.element.shape import shape, shape_gradient
-from pcontact.runtime.jit import njit
+from pcontact.runtime.jit import njit, njit_inner
 from pcontact.runtime.parallel import together
 
 
@@ -49,6 +49,22 @@ class Facets(NamedTuple):
     weights: np.ndarray
 
 
+@njit_inner
+def _tangents(facets, u, f, q, t):
+    """Write the present tangents (d - 1, d) at a point of a facet; its present radius."""
+    d, radius = u.shape[1], facets.radius[f, q]
+    for i in range(d - 1):
+        for j in range(d):
+            t[i, j] = facets.tangents[f, q, i, j]
+    for a in range(facets.nodes.shape[1]):
+        node = facets.nodes[f, a]
+        radius += facets.shape[q, a] * u[node, 0]
+        for i in range(d - 1):
+            for j in range(d):
+                t[i, j] += facets.slope[q, a, i] * u[node, j]
+    return radius
+
+
 @njit
 def add_forces(facets, u, pressure, ring, absolute, out):
     """Add the forces of facets to their nodes.
@@ -71,16 +87,7 @@ def add_forces(facets, u, pressure, ring, absolute, out):
     c, t = np.zeros(d), np.zeros((d - 1, d))
     for f in range(facets.nodes.shape[0]):
         for q in range(facets.weights.shape[1]):
-            radius = facets.radius[f, q]
-            for i in range(d - 1):
-                for j in range(d):
-                    t[i, j] = facets.tangents[f, q, i, j]
-            for a in range(facets.nodes.shape[1]):
-                node = facets.nodes[f, a]
-                radius += facets.shape[q, a] * u[node, 0]
-                for i in range(d - 1):
-                    for j in range(d):
-                        t[i, j] += facets.slope[q, a, i] * u[node, j]
+            radius = _tangents(facets, u, f, q, t)
             if d == 2:
                 c[0], c[1] = t[0, 1], -t[0, 0]
             else:
@@ -110,16 +117,7 @@ def add_stiffness(facets, u, pressure, ring, rowptr, columns, values):
     t, block = np.zeros((d - 1, d)), np.zeros((d, d))
     for f in range(facets.nodes.shape[0]):
         for q in range(facets.weights.shape[1]):
-            radius = facets.radius[f, q]
-            for i in range(d - 1):
-                for j in range(d):
-                    t[i, j] = facets.tangents[f, q, i, j]
-            for a in range(nn):
-                node = facets.nodes[f, a]
-                radius += facets.shape[q, a] * u[node, 0]
-                for i in range(d - 1):
-                    for j in range(d):
-                        t[i, j] += facets.slope[q, a, i] * u[node, j]
+            radius = _tangents(facets, u, f, q, t)
             weight = pressure * facets.weights[f, q]
             for b in range(nn):
                 block[:, :] = 0.0

@@ -299,9 +299,7 @@ class ContactPair(Item):
             nodes = np.minimum(np.searchsorted(unique, found.nodes), len(unique) - 1)
         nodes = np.ascontiguousarray(np.where(paired[:, None], nodes, 0).astype(np.int64))
         shape = np.ascontiguousarray(np.where(paired[:, None], found.shape, 0.0))
-        points = SourcePoints(
-            source.facet, cells, source.shape, source.jxw, source.normal, source.grad, source.volumetric, source.mu
-        )
+        points = source.numbered(cells)
         partner, every = PartnerPoints(nodes, shape, normal, np.zeros(len(paired))), np.ones(len(paired), dtype=bool)
         acts = paired.copy() if self.method.theta == 0.0 else every
         operator = self.terms.operator(normal, self.pairing)

@@ -341,6 +341,18 @@ def stress_at(material, h, plastic_strain, p, pressure, mode, work):
 
 
 @njit_inner_exact
+def _turn_tangent(m, axes, part, work):
+    """Write axes^T part, the tangent in the axes of the mesh, which is symmetric."""
+    for i in range(m):
+        for n in range(i, m):
+            value = 0.0
+            for k in range(m):
+                value += axes[k, i] * part[k, n]
+            work.tangent[i, n] = value
+            work.tangent[n, i] = value
+
+
+@njit_inner_exact
 def _to_green_along(mode, work):
     """:func:`_to_green` of a stress that has the axes of the strain whatever the strain is, and its derivative.
 
@@ -370,13 +382,7 @@ def _to_green_along(mode, work):
         factor -= (stress[i] + stress[j]) * work.row[i] * work.row[j]
         for n in range(m):
             part[k, n] = factor * axes[k, n]
-    for i in range(m):
-        for n in range(i, m):
-            value = 0.0
-            for k in range(m):
-                value += axes[k, i] * part[k, n]
-            work.tangent[i, n] = value
-            work.tangent[n, i] = value
+    _turn_tangent(m, axes, part, work)
 
 
 @njit_inner_exact
@@ -402,13 +408,7 @@ def _to_green(mode, work):
             if factor != 0.0:
                 for n in range(m):
                     part[i, n] += factor * axes[k, n]
-    for i in range(m):
-        for n in range(i, m):
-            value = 0.0
-            for k in range(m):
-                value += axes[k, i] * part[k, n]
-            work.tangent[i, n] = value
-            work.tangent[n, i] = value
+    _turn_tangent(m, axes, part, work)
 
 
 @njit_inner_exact

@@ -213,6 +213,28 @@ class Exchanger:
         result[order] = np.concatenate([said[:0], *(told[rank] for rank in sorted(sends))])
         return result
 
+    def sharers(self, homes, numbers):
+        """Other ranks that have the same numbers: rows (m, 2) of number and rank, one for each rank. *Collective.*
+
+        Parameters
+        ----------
+        homes : ndarray (n,) of int
+            The ranks that hear of all that have a number.
+        numbers : ndarray (n,) int64
+            Of this rank, each once.
+        """
+        heard = self(split_by_rank(homes, numbers)[0], np.int64, 1)
+        number = np.concatenate([np.zeros(0, np.int64), *(part.ravel() for part in heard.values())])
+        rank = np.repeat(np.array([*heard], dtype=np.int64), [len(part) for part in heard.values()])
+        order = np.lexsort((rank, number))
+        number, rank = number[order], rank[order]
+        _, first, place, count = np.unique(number, return_index=True, return_inverse=True, return_counts=True)
+        # every rank of a number with every other
+        one = np.repeat(np.arange(len(number)), count[place])
+        other = first[place[one]] + np.arange(len(one)) - (np.cumsum(count[place]) - count[place])[one]
+        away = rank[one] != rank[other]
+        return self.deliver(rank[one][away], np.column_stack([number[one], rank[other]])[away])
+
     def look_up(self, known, values, wanted):
         """Values that any rank knows by keys. *Collective.*
 

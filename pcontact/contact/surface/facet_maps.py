@@ -210,35 +210,6 @@ def load_nodes(x_facets, facet, kind, nodes):
             nodes[i, k] = x_facets[facet, i, k] - x_facets[facet, 0, k]
 
 
-def facet_shapes(kinds, xi):
-    """Shape functions of many facets, one reference point each.
-
-    Parameters
-    ----------
-    kinds : (n,) int64
-    xi : (n, d-1) float64
-
-    Returns
-    -------
-    (n, 9) float64
-        Zero in the columns beyond a facet's nodes.
-    """
-    kinds = np.require(kinds, np.int64, ["C", "W"])
-    xi = np.require(xi, np.float64, ["C", "W"])
-    out = np.zeros((kinds.size, MAX_NODES))
-    _fill_many(kinds, xi, out)
-    return out
-
-
-@njit_exact
-def _fill_many(kinds, xi, out):
-    shapes = np.zeros((6, 9))
-    for p in range(kinds.size):
-        fill_shapes(kinds[p], xi[p, 0], xi[p, 1] if xi.shape[1] == 2 else 0.0, shapes)
-        for i in range(NODE_COUNTS[kinds[p]]):
-            out[p, i] = shapes[0, i]
-
-
 def facet_boxes(x_facets, kinds):
     """Boxes that contain the facets, curved ones included (boxes of their Bezier points).
 

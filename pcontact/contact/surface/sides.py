@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from pcontact.assembly.geometry import rule_degree
+from pcontact.contact.points import SourcePoints
 from pcontact.contact.surface.facet_maps import KIND, padded
 from pcontact.element.dilatation import Dilatation, Mean, dilatation, factors, hoop_operator, mean_dilatation
 from pcontact.element.geometry import facet_geometry
@@ -72,26 +73,9 @@ class Rim:
 
 
 def neighbours(space, nodes):
-    """Other ranks whose facets have nodes of these (nf, m), and which, by rank. *Collective.*
-
-    The owner of a node hears of all ranks that have facets with it and tells each of them of the others.
-    """
+    """Other ranks whose facets have nodes of these (nf, m), and which, by rank. *Collective.*"""
     mine = np.unique(nodes)
-    sends, _ = split_by_rank(space.numbering.owner(mine), mine)
-    heard = space.exchanger(sends, np.int64, 1)
-    node = np.concatenate([np.zeros(0, np.int64), *(part.ravel() for part in heard.values())])
-    rank = np.concatenate([np.zeros(0, np.int64), *(np.full(len(part), r) for r, part in heard.items())])
-    order = np.argsort(node, kind="stable")
-    node, rank = node[order], rank[order]
-    _, first, place, count = np.unique(node, return_index=True, return_inverse=True, return_counts=True)
-    # every rank of a node with every other
-    one = np.repeat(np.arange(len(node)), count[place])
-    start = np.cumsum(count[place]) - count[place]
-    other = first[place[one]] + np.arange(len(one)) - start[one]
-    pairs = np.column_stack([node[one], rank[other]])[rank[one] != rank[other]]
-    sends, _ = split_by_rank(rank[one][rank[one] != rank[other]], pairs)
-    told = space.exchanger(sends, np.int64, 2)
-    pairs = np.concatenate([np.zeros((0, 2), np.int64), *told.values()])
+    pairs = space.exchanger.sharers(space.numbering.owner(mine), mine)
     return split_by_rank(pairs[:, 1], pairs[:, 0])[0]
 
 
@@ -173,6 +157,10 @@ class SourceSurface:
         kept = ~facets
         shared = None if self.shared is None else self.shared.times(kept)
         return replace(self, mu=self.mu * kept, own=self.own * kept, shared=shared)
+
+    def numbered(self, cells):
+        """The points for kernels, whose values have the nodes (nf, nn) of the parent cells by other numbers."""
+        return SourcePoints(self.facet, cells, self.shape, self.jxw, self.normal, self.grad, self.volumetric, self.mu)
 
     def point_keys(self):
         """Numbers (np,) of the points, the same on any ranks. The points of a facet come one after the other."""

@@ -19,7 +19,6 @@ import numpy as np
 
 from pcontact.contact.formulation.finite_geometry import area_ratios, point_work
 from pcontact.contact.formulation.finite_kernels import Sides, Slopes
-from pcontact.contact.points import SourcePoints
 from pcontact.contact.surface.smooth_geometry import beside_corners
 from pcontact.contact.traction.finite import FiniteTraction
 from pcontact.contact.traction.small import LocalCells
@@ -122,9 +121,7 @@ class FiniteTarget(TargetTraction):
         """The points of a source with the numbers of the nodes of its cells in a pairing, in the place of one."""
         cells = np.minimum(np.searchsorted(p.exchange.nodes, self._space.nodes[self._side.cells]),
                            max(len(p.exchange.nodes) - 1, 0))  # fmt: skip
-        points = SourcePoints(small.facet, cells, small.shape, small.jxw, small.normal, small.grad, small.volumetric,
-                              small.mu)  # fmt: skip
-        return LocalCells(points, np.ascontiguousarray(cells))
+        return LocalCells(small.numbered(cells), np.ascontiguousarray(cells))
 
     def growth(self, place, rows, values, p):
         """Of the partners' facets of some points (n,): how much stiffer their cells have grown, see

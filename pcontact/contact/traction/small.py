@@ -478,9 +478,7 @@ class _Begun:
     def _evaluated(self, traction):
         source = traction.source
         result, at = np.zeros_like(source.x), self._block[source.facet]
-        points = SourcePoints(source.facet, source.cells, source.shape, source.jxw, source.normal, source.grad,
-                              source.volumetric, source.mu)  # fmt: skip
-        local = LocalCells(points, source.cells)
+        local = LocalCells(source.numbered(source.cells), source.cells)
         for number, origin in self._bulk.origins.items():
             wanted = at == number
             if wanted.any():

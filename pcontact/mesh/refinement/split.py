@@ -33,7 +33,7 @@ from pcontact.mesh.distribute import deal
 from pcontact.mesh.geometry.moving import put_on
 from pcontact.mesh.mesh import Mesh, mixed
 from pcontact.mesh.refinement.numbering import Part, sliced
-from pcontact.mesh.refinement.refine import SIMPLICES, Balance, carried_over
+from pcontact.mesh.refinement.refine import Balance, carried_over
 from pcontact.mesh.refinement.simplices import middle_keys
 from pcontact.runtime import profile
 from pcontact.runtime.errors import InputError
@@ -258,12 +258,6 @@ def _division(cell, simplices):
                 if {one[v] for v in some} <= set(facet)]  # fmt: skip
         facets.append(np.array(rows, dtype=np.int64).reshape(-1, 2))
     return Division(np.array(simplices, dtype=np.int64), facets)
-
-
-def needs_split(mesh):
-    """Return whether a mesh has other cells than triangles or tetrahedra. *Collective.*"""
-    own = any(block.cell not in SIMPLICES and len(block.nodes) for block in mesh.blocks)
-    return any(mesh.comm.allgather(own))
 
 
 class Divided(NamedTuple):

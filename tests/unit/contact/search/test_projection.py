@@ -16,7 +16,7 @@ from pcontact.contact.search.projection import (
     surface_tree,
 )
 from pcontact.contact.search.tree import LEAF_SIZE, build_tree
-from pcontact.contact.surface.facet_maps import MAX_NODES, NODE_COUNTS, facet_boxes, facet_shapes, fill_shapes
+from pcontact.contact.surface.facet_maps import MAX_NODES, NODE_COUNTS, facet_boxes, fill_shapes
 
 ANY = -2.0  # facing rule switched off
 REFERENCE = {
@@ -56,8 +56,16 @@ def random_facet(kind, rng, bend=0.15):
     return x + bend * rng.uniform(-1, 1, x.shape)
 
 
+def facet_shapes(kind, xi):
+    """Shape functions (n, 9) at reference points (n, d - 1) of a facet."""
+    values = np.zeros((len(xi), 6, MAX_NODES))
+    for (u, *v), out in zip(xi, values, strict=True):
+        fill_shapes(kind, u, *(v or [0.0]), out)
+    return values[:, 0]
+
+
 def evaluate(kind, x, xi):
-    weights = facet_shapes(np.full(len(xi), kind), xi)[:, : NODE_COUNTS[kind]]
+    weights = facet_shapes(kind, xi)[:, : NODE_COUNTS[kind]]
     return weights @ x[: NODE_COUNTS[kind]]
 
 
@@ -139,7 +147,7 @@ def test_shapes(kind):
     reference = np.array(REFERENCE[kind], dtype=float)
     n = len(reference)
     assert NODE_COUNTS[kind] == n
-    values = facet_shapes(np.full(n, kind), reference)
+    values = facet_shapes(kind, reference)
     np.testing.assert_allclose(values[:, :n], np.eye(n), atol=1e-15)
     assert not values[:, n:].any()
 
