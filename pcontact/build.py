@@ -363,7 +363,7 @@ def _check_locking(scene, space):
 
 
 def _stiff(scene, body):
-    """Why a body of degree 1 is too stiff."""
+    """Reason for which a body of degree 1 is too stiff."""
     material = scene.materials[body.material]
     if material.orthotropic:
         return (f"{list(material.nu)} in cells of degree 1 (body {body.region}), as nu = {material.poisson:.4g} of an "

@@ -83,7 +83,7 @@ def _radius(space, bulk, contact, sides, floats):
 
 
 def _overlap(space, bulk, contact, sides, radius):
-    """How deep the undeformed source lies in bodies of the target [length], 0 where boxes around the bodies tell that
+    """Depth of the undeformed source in bodies of the target [length], 0 where boxes around the bodies tell that
     it is no deeper than a radius. *Collective.*"""
     own, other = sides[0] - sides[-1], sides[-1] - sides[0]
     deep = near_pairs(*component_boxes(space), -radius).tolist()
@@ -126,7 +126,7 @@ def _require_valley(scene, space, contact, source):
 
 
 def _moves(space, bulk, source, target):
-    """Whether a body of a pair has finite strain. *Collective.*"""
+    """Return whether a body of a pair has finite strain. *Collective.*"""
     finite = [block.components for number, block in enumerate(space.mesh.blocks) if number in bulk.parts]
     finite = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *finite]))
     sides = [source.components] + ([] if isinstance(target, RigidObstacle) else [target.components])
@@ -148,7 +148,7 @@ def pair_of(space, bulk, contact, source, target, radius, setting=NOTHING_MORE):
 
 
 def _cuts(space, contact, source, target):
-    """Whether the source's facets are cut along the edges of the target. *Collective.*
+    """Return whether the source's facets are cut along the edges of the target. *Collective.*
 
     The user's word; or always in the plane, and in space where it pays: with degree 2, and where the source, or one of
     two that are both, is the coarser side. Else the points of whole facets resolve the target well enough for degree 1.
@@ -201,7 +201,7 @@ def _halves(scene, space, bulk, contact, supports, radius, floats, smooth):
 
 
 def _chords(space, contact, source, target, known):
-    """What straight facets do to the gap of a pair, :class:`Chords`; None where they do nothing. *Collective.*
+    """Change of the gap of a pair by straight facets, :class:`Chords`; None where there is none. *Collective.*
 
     Parameters
     ----------
@@ -430,7 +430,7 @@ def _check_source(space, bulk, contact, source):
 
 
 def _coarseness(space, source, target):
-    """How many times larger facets of the source are than those of the target in space; 0 without any. *Collective.*"""
+    """Ratio of the sizes of facets of the source to those of the target in space; 0 without any. *Collective.*"""
     x = target.x
     spanned = np.linalg.norm(np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]), axis=1)
     triangles = np.isin(target.kinds, [KIND["triangle", degree] for degree in (1, 2)])

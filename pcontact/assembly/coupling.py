@@ -87,7 +87,7 @@ class Average:
 
     @property
     def turns(self):
-        """Whether the group turns about every axis: it is neither a point nor a line."""
+        """Return whether the group turns about every axis: it is neither a point nor a line."""
         return bool(self._inverse.all())
 
     def _spin(self, moment):
@@ -96,7 +96,7 @@ class Average:
         return result if self.space.dim == 3 else float(result[0])
 
     def bears(self, moment):
-        """Whether forces on the group can have a moment about its centre."""
+        """Return whether forces on the group can have a moment about its centre."""
         moment = np.atleast_1d(moment)
         left = moment - self._inertia @ np.atleast_1d(self._spin(moment))
         return bool(np.linalg.norm(left) <= LINE * np.linalg.norm(moment))
@@ -108,7 +108,7 @@ class Average:
         return self.space.summed(self.space.local, local)
 
     def density(self, points, force, moment):
-        """What a force (d,) at the centre and a moment about it are per measure, at points (..., d)."""
+        """Return a force (d,) at the centre and a moment about it per measure, at points (..., d)."""
         arms = points.reshape(-1, points.shape[-1]) - self.centre
         return (force / self.measure + turned(self._spin(moment), arms)).reshape(points.shape)
 

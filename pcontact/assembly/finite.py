@@ -185,7 +185,8 @@ class FiniteSolid(Bulk):
         out += forces
 
     def _same(self, at, u):
-        """Whether a displacement is the one of which the values at the owned nodes have been kept. *Collective.*"""
+        """Return whether a displacement is the one of which the values at the owned nodes have been kept.
+        *Collective.*"""
         return self.space.comm.allreduce(np.array_equal(at, u.getArray(readonly=True)), op=MPI.LAND)
 
     def _forget(self):

@@ -99,7 +99,7 @@ class FiniteState(NamedTuple):
 
 
 class CellWork(NamedTuple):
-    """What is computed in a cell.
+    """Results and scratch of a cell.
 
     Attributes
     ----------

@@ -219,7 +219,7 @@ class FollowerPressure(Item):
                        for part, weights, value in zip(self._parts, self._weights, values, strict=True)]  # fmt: skip
 
     def _is_symmetric(self, nodes, fixed):
-        """Whether two random displacements do the same work on each other's forces, at a third. *Collective.*"""
+        """Return whether two random displacements do the same work on each other's forces, at a third. *Collective.*"""
         space = self.space
         numbers = space.mesh.file_nodes[space.mesh_nodes[nodes]].astype(float)
         # the same on all ranks

@@ -121,7 +121,7 @@ class Release(Item):
         self._part = self._left(time)
 
     def shift(self, time):
-        """What is added to prescribed displacements (n_owned, d) at a time [length]."""
+        """Return what is added to prescribed displacements (n_owned, d) at a time [length]."""
         return np.where(self.absolute, self._left(time), 1.0) * self.offset
 
     def residual(self, u, out, rule=LAW):

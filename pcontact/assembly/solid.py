@@ -126,8 +126,8 @@ class Bulk(Item):
         self.residual(u, out)
 
     def energies(self, u):
-        """What bodies store, and what plastic flow has dissipated, at a committed displacement [force * length].
-        *Collective.*
+        """Energies that bodies store, and that plastic flow has dissipated, at a committed displacement [force *
+        length]. *Collective.*
 
         Returns
         -------
@@ -136,12 +136,12 @@ class Bulk(Item):
         raise NotImplementedError
 
     def deformations(self, u):
-        """How far bodies with finite strain are stretched and turned, see
+        """Measure how far bodies with finite strain are stretched and turned, see
         :func:`pcontact.assembly.measures.deformations`; of others nothing. *Collective.*"""
         return {}
 
     def distortions(self, u, held):
-        """How far bodies with small strain are from what it represents, see
+        """Measure how far bodies with small strain are from what it represents, see
         :func:`pcontact.assembly.measures.distortions`; of those with finite strain nothing. *Collective.*"""
         return {}
 
@@ -155,7 +155,7 @@ class Bulk(Item):
         raise NotImplementedError
 
     def fields(self, u):
-        """What else there is to see in cells: values (nc, ...) of the cells of each block, by name. *Collective.*
+        """Further fields of cells: values (nc, ...) of the cells of each block, by name. *Collective.*
 
         Returns
         -------
@@ -368,7 +368,7 @@ class PointStates(BlockStates):
         return 0
 
     def stress(self, rows, points, nodal, tangent=False, virgin=False):
-        """What cells add to linear elasticity under displacements, a `pcontact.material.elastic.Response`.
+        """Response of cells beyond linear elasticity under displacements, a `pcontact.material.elastic.Response`.
 
         Parameters
         ----------

@@ -56,7 +56,7 @@ def weakest(pressure, area, opened, comm):
 
 
 def turned(closed, paired, tau, area):
-    """What :meth:`PairActiveSet.turned` says, of points with augmented tractions tau (n,) [stress]."""
+    """Return :meth:`PairActiveSet.turned` of points with augmented tractions tau (n,) [stress]."""
     opens, closes = closed & (tau > 0.0), paired & ~closed & (tau <= 0.0)
     return np.array([area[closed].sum(), area[opens].sum(), area[closes].sum(), np.count_nonzero(opens)])
 
@@ -128,7 +128,7 @@ class PairActiveSet(ActiveSet):
 
     @property
     def _recedes(self):
-        """Whether the pressure says what is open, and a tangent has been asked for."""
+        """Return whether the pressure says what is open, and a tangent has been asked for."""
         pair = self._pair
         return not pair.bilateral and pair.law.follows_pressure and pair.status is not None
 
@@ -210,7 +210,7 @@ def components_of(space, pairing, source):
 
 
 def borne(space, pairing, source, traction):
-    """What contact with others does to every connected component. *Collective.*
+    """Forces of contact with others on every connected component. *Collective.*
 
     Parameters
     ----------
@@ -486,7 +486,7 @@ def closing_motion(pair, u, values, time):
 
 
 def clearance(pair, u, fields, beyond):
-    """How far points are from contact, and what motions of whole bodies would change, see
+    """Distances of points from contact, and their change by motions of whole bodies, see
     :meth:`pcontact.assembly.item.Item.clearance`. *Collective.*"""
     p, source = pair.pairing, pair.source
     own, other = components_of(pair.space, p, source)

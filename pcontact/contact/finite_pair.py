@@ -178,7 +178,7 @@ def _reference(kinds, degree):
 
 
 def _inside(kinds, xi):
-    """Whether reference points (np, 2) are on facets of some kinds (np,), or hardly beside them."""
+    """Return whether reference points (np, 2) are on facets of some kinds (np,), or hardly beside them."""
     u, v = xi.T
     triangle = np.isin(kinds, [KIND["triangle", degree] for degree in (1, 2)])
     inside = np.where(triangle, np.minimum(np.minimum(u, v), 1.0 - u - v) >= -PAST, np.abs(u) <= 1.0 + PAST)
@@ -265,7 +265,7 @@ class FinitePair(ContactPair):
         return super()._couples(closed, wide)
 
     def strays(self, u):
-        """Whether a point that was closed in the last tangent is beyond the facet of its partner. *Collective.*
+        """Return whether a point that was closed in the last tangent is beyond the facet of its partner. *Collective.*
 
         There the facet that goes on is no longer the body, and farther away there is no partner any more: a pressure
         would end at once, and no displacement might fulfil the equations.
@@ -321,8 +321,8 @@ class FinitePair(ContactPair):
         return on
 
     def _between(self, found, contact, values, returns):
-        """What was found, where points that go back to the facet that they came from are held at the edge between the
-        two, by the mean of their normals: each solution is beside its own facet. *Collective.*"""
+        """Return what was found, where points that go back to the facet that they came from are held at the edge
+        between the two, by the mean of their normals: each solution is beside its own facet. *Collective.*"""
         p, normal, back = self.pairing, found.normal.copy(), returns[:, None]
         mean = contact.normal[returns] + found.normal[returns]
         normal[returns] = mean / np.linalg.norm(mean, axis=1, keepdims=True)

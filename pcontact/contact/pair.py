@@ -44,7 +44,7 @@ METHODS = {"nitsche": Method, "penalty": Penalty, "augmented_lagrangian": Augmen
 
 
 class Setting(NamedTuple):
-    """What a pair is asked for beside its contact.
+    """Settings of a pair beside its contact.
 
     Attributes
     ----------
@@ -129,7 +129,8 @@ class Pairing:
         return space.start + np.flatnonzero(space.summed(self.exchange, local)[:, 0] > 0.5)
 
     def lengths(self, values):
-        """What gaps are differences of [length]: magnitudes at the nodes (n, d), and of the points (np,) besides."""
+        """Magnitudes of the terms whose differences gaps are [length]: those at the nodes (n, d), and of the points
+        (np,) besides."""
         return np.abs(values), np.abs(self.gap0)
 
     def carry(self, places):
@@ -312,7 +313,7 @@ class ContactPair(Item):
             self.pairing.gap0[:] = gap - self.terms.gap(self.pairing, values)
 
     def _plan(self, nodes, paired):
-        """Who brings the displacement of the source's cells and of the partners (np, m): against obstacles, once.
+        """Plan that brings the displacement of the source's cells and of the partners (np, m): against obstacles, once.
         *Collective.*"""
         space, source_nodes = self.space, self.space.nodes[self.source.cells]
         unique = np.unique(np.concatenate([source_nodes.ravel(), nodes[paired].ravel(), self.terms.traction.nodes]))
@@ -496,7 +497,7 @@ def method_of(space, contact, source):
 
 
 def partner_search(space, contact, target, law):
-    """Who says who the partner of a point is, of a contact with a law: a :class:`TargetSearch` or `ObstacleSearch`."""
+    """Search for the partners of points, of a contact with a law: a :class:`TargetSearch` or `ObstacleSearch`."""
     if isinstance(target, RigidObstacle):
         return ObstacleSearch(space, target)
     return TargetSearch(space, target, contact.search, contact.bilateral or law.tied)

@@ -1,4 +1,4 @@
-"""What a contact of the scene says of itself: its one pair, or the two halves of unbiased contact as one, and how deep
+"""Report of a contact of the scene: its one pair, or the two halves of unbiased contact as one, and how deep
 nodes of two surfaces are inside each other: the points of the source do not see what is between them."""
 
 from dataclasses import dataclass
@@ -40,7 +40,8 @@ class NodeDepths:
         self._size = size[0] / max(size[1], 1.0)
 
     def sinks(self, depth, points):
-        """Whether a node of the target is so deep [length] that the points, as deep as `points`, do not see it."""
+        """Return whether a node of the target is so deep [length] that the points, as deep as `points`, do not see
+        it."""
         return depth > max(DEEPER * self._size, HIDDEN * points)
 
     def of_source(self, u):

@@ -78,7 +78,7 @@ class FiniteMaterial(NamedTuple):
 
     @property
     def yields(self):
-        """Whether it may yield."""
+        """Return whether it may yield."""
         return len(self.small.curve) > 0
 
     @staticmethod
@@ -88,7 +88,7 @@ class FiniteMaterial(NamedTuple):
 
 
 class PointWork(NamedTuple):
-    """What is computed at a point: results first, then what is of use on the way.
+    """Results at a point, then what is of use on the way.
 
     Attributes
     ----------

@@ -137,7 +137,7 @@ NO_PLACE = "the user's cache cannot be written to"
 
 
 class _Uncached:
-    """Why compiled kernels are not kept on disk; None if they are."""
+    """Reason for which compiled kernels are not kept on disk; None if they are."""
 
     reason = None
 

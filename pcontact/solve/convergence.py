@@ -1,4 +1,4 @@
-"""When Newton's method has converged, and how a solve of a load step ended.
+"""Convergence of Newton's method, and results of the solves of load steps.
 
 The norm of the residual is that of all bodies. One that hardly anything holds, beside others that are pressed hard, may
 bear less than the others leave open: what says whether it has come to rest is that its own forces balance along the
@@ -59,8 +59,8 @@ class Balance:
         return np.maximum(ROUNDINGS * self._problem.forces.roundoff_of(u)[self._bodies.bodies], self._rounded)
 
     def rests(self, u, f):
-        """Whether the residual ``f`` at ``u`` leaves hardly a part of the forces on each body along its free motions,
-        or iterations do not make it less any more. *Collective.*
+        """Return whether the residual ``f`` at ``u`` leaves hardly a part of the forces on each body along its free
+        motions, or iterations do not make it less any more. *Collective.*
 
         Rounding errors of a body's own forces are nothing.
         """
@@ -159,8 +159,8 @@ class ConvergenceTest:
         self.norms, self.krylov = [], [0]
 
     def negligible(self, norm, first, rtol):
-        """Whether a predicted residual of some norm is none: within its rounding errors, or as small beside the true
-        one (nan: not known) as that of a solution."""
+        """Return whether a predicted residual of some norm is none: within its rounding errors, or as small beside the
+        true one (nan: not known) as that of a solution."""
         return norm <= self._least or norm <= rtol * first
 
     @property
@@ -200,7 +200,7 @@ class ConvergenceTest:
         return reason
 
     def _ends(self, u, iteration, norm, tolerances):
-        """Why an iteration ends with this norm of the residual, or that it does not. *Collective.*"""
+        """Reason for which an iteration ends with this norm of the residual, or that it does not. *Collective.*"""
         reasons = PETSc.SNES.ConvergedReason
         rtol, atol = tolerances[:2]
         rounded = norm <= max(self._floor, self._least) and self._settled(u, iteration, norm)
@@ -216,17 +216,18 @@ class ConvergenceTest:
         return reasons.ITERATING
 
     def _settled(self, u, iteration, norm):
-        """Whether another iteration would gain nothing: the residual no longer falls, or is small against the forces at
-        work, or these are rounding errors. Those of a stiff body may hide what is left in a soft one. *Collective.*"""
+        """Return whether another iteration would gain nothing: the residual no longer falls, or is small against the
+        forces at work, or these are rounding errors. Those of a stiff body may hide what is left in a soft one.
+        *Collective.*"""
         if iteration == 0 or norm > 0.5 * self.norms[-2]:
             return True
         acting = self._problem.forces.acting(u)
         return norm <= SMALL * acting or acting <= max(self._floor, self._least)
 
     def _balanced(self, u, norm):
-        """Whether a residual that rounding errors hide is small against the forces: those of a body that flows without
-        bound exceed any load, those of a gap times a huge gamma any stress. Bodies that nothing loads may move without
-        any force: there a residual is enough that hardly changes their displacements. *Collective.*"""
+        """Return whether a residual that rounding errors hide is small against the forces: those of a body that flows
+        without bound exceed any load, those of a gap times a huge gamma any stress. Bodies that nothing loads may move
+        without any force: there a residual is enough that hardly changes their displacements. *Collective.*"""
         if norm <= BALANCED * self._problem.forces.acting(u):
             return True
         if self._problem.forces.loaded(u, springs=False) > 0.0:
@@ -237,9 +238,9 @@ class ConvergenceTest:
         return self._problem.forces.loaded(u) <= ROUNDOFF * scale and norm <= MOVED * scale
 
     def _small(self, u, norm, part):
-        """Whether a residual is small against the forces at work. The first residual, of bodies whose supports alone
-        have moved, is many orders of magnitude larger where one is stiff, or gamma large: its rounding errors may be
-        what is left. *Collective.*"""
+        """Return whether a residual is small against the forces at work. The first residual, of bodies whose supports
+        alone have moved, is many orders of magnitude larger where one is stiff, or gamma large: its rounding errors may
+        be what is left. *Collective.*"""
         if norm <= part * self._problem.forces.acting(u):
             return True
         return norm <= part * ROUNDED * self._first and self._balanced(u, norm)
@@ -247,7 +248,7 @@ class ConvergenceTest:
 
 @dataclass
 class NewtonResult:
-    """How a solve ended.
+    """Result of a solve.
 
     Attributes
     ----------

@@ -246,7 +246,7 @@ class Globalisation:
                 self._follow(x, y, f, 1.0 if part != 1.0 else FARTHEST)
 
     def _bends(self, x, y):
-        """Whether bodies that may turn bend in a full step, and no point opens or closes. *Collective.*
+        """Return whether bodies that may turn bend in a full step, and no point opens or closes. *Collective.*
 
         Slender bodies stretch by the square of a step in which they bend, and are much stiffer along than across: the
         norm of the residual rises a thousandfold in steps that go the right way, and the next step takes it away. There
@@ -271,8 +271,8 @@ class Globalisation:
         return part
 
     def _goes_back(self, x, y):
-        """Whether the kept step is taken back, since the residual has risen in it and the Newton step after it, ``-y``
-        from ``x``, is hardly shorter: then ``-y`` becomes the way to half of it. *Collective.*"""
+        """Return whether the kept step is taken back, since the residual has risen in it and the Newton step after it,
+        ``-y`` from ``x``, is hardly shorter: then ``-y`` becomes the way to half of it. *Collective.*"""
         risen, self._risen = self._risen, None
         if risen is None or y.norm() <= CONTRACTS * self._step.norm():
             return False
@@ -281,7 +281,7 @@ class Globalisation:
         return True
 
     def _starts_again(self, x, y, f):
-        """Whether full steps of bodies that bend have come to nothing: then ``-y`` becomes the way to where the
+        """Return whether full steps of bodies that bend have come to nothing: then ``-y`` becomes the way to where the
         residual is less than it ever was, on the step from where it was least. *Collective.*"""
         if not self._problem.bulk.extrapolates or "correction" in self._without:
             return False
@@ -311,7 +311,7 @@ class Globalisation:
         return decrease_of(norm, bound)
 
     def _recedes(self, x, y, full):
-        """Whether the step, if it is a full one, is taken since the contact recedes in it. *Collective.*
+        """Return whether the step, if it is a full one, is taken since the contact recedes in it. *Collective.*
 
         See :meth:`pcontact.solve.problem.ActiveSets.recede`. The residual has no say about such a step: each
         iteration leaves fewer points closed than the one before, and so they come to an end.
@@ -331,7 +331,7 @@ class Globalisation:
         return True
 
     def _go(self, x, y, part):
-        """Where a part of the step ends."""
+        """End of a part of the step."""
         x.copy(self._trial)
         self._trial.axpy(-part, y)
 
@@ -380,7 +380,7 @@ class Globalisation:
         self._known = full
 
     def recall(self, x, f):
-        """Whether the residual at ``x`` is known already; then it is copied to ``f``. *Collective.*"""
+        """Return whether the residual at ``x`` is known already; then it is copied to ``f``. *Collective.*"""
         known, self._known = self._known, None
         if known is None:
             return False
@@ -683,7 +683,7 @@ class Newton:
 
     @property
     def carried(self):
-        """Whether the run has turned to a direct solver (1), which a restarted run goes on with, or not (0)."""
+        """Return whether the run has turned to a direct solver (1), which a restarted run goes on with, or not (0)."""
         return float(self._fallback.active)
 
     @carried.setter
@@ -772,7 +772,7 @@ class Newton:
         )
 
     def _detail(self, reason, norm):
-        """What a user should look at. *Collective.*"""
+        """Hints for the user: what to look at. *Collective.*"""
         value, point, body = self.problem.forces.worst(self._f)
         direct = preconditioner(self.snes.getKSP()).getType() in ("lu", "cholesky")
         parts = diagnose(self.problem, self.snes.getSolution(), reason, norm, self._loose, direct)

@@ -113,7 +113,8 @@ class DirectFallback:
         self.active = False
 
     def takes_over(self, result):
-        """Whether a solve that ended so should be tried again with the direct solver; if so, it is chosen from here on.
+        """Return whether a solve that ended so should be tried again with the direct solver; if so, it is chosen from
+        here on.
 
         Parameters
         ----------
@@ -570,7 +571,7 @@ class Reuse:
 
     @property
     def begun(self):
-        """Whether there has been a solve since it has forgotten."""
+        """Return whether there has been a solve since it has forgotten."""
         return self._rate is not None
 
     def forget(self):
@@ -578,7 +579,7 @@ class Reuse:
         self._rate, self._fresh, self._area = None, True, 0.0
 
     def keep(self, ksp, area):
-        """Whether the next solve keeps the preconditioner. To be asked once before each solve.
+        """Return whether the next solve keeps the preconditioner. To be asked once before each solve.
 
         Parameters
         ----------
@@ -965,5 +966,5 @@ def lower_degree(problem, options):
 
 
 def has_lower_degree(problem):
-    """Whether there is a level of degree 1: a component that leads others may be none of a vertex."""
+    """Return whether there is a level of degree 1: a component that leads others may be none of a vertex."""
     return problem.space.degree == 2 and problem.conditions.followers is None

@@ -215,7 +215,7 @@ class Forces:
         return space.comm.allreduce(own, op=MPI.SUM)
 
     def worst(self, f):
-        """Where a residual vector is largest. *Collective.*
+        """Find where a residual vector is largest. *Collective.*
 
         Parameters
         ----------
@@ -283,7 +283,8 @@ class Forces:
         return float(acts + answer + (thermal if acts == 0.0 else 0.0))
 
     def acts(self, u, borne, roundings):
-        """Whether loads act on the bodies, or forces of supports and groups that are no rounding errors. *Collective.*
+        """Return whether loads act on the bodies, or forces of supports and groups that are no rounding errors.
+        *Collective.*
 
         Parameters
         ----------
@@ -364,8 +365,8 @@ class Prediction:
 
     @property
     def continues(self):
-        """Whether load steps begin where the bodies are if they go on as they did, once they have moved: bodies with
-        finite strain, and elastic ones that nothing but supports, loads and contact moves."""
+        """Return whether load steps begin where the bodies are if they go on as they did, once they have moved: bodies
+        with finite strain, and elastic ones that nothing but supports, loads and contact moves."""
         problem, bulk = self._problem, self._problem.bulk
         if bulk.extrapolates:
             return True
@@ -531,7 +532,7 @@ class Problem:
 
     @property
     def parts(self):
-        """What reports, remembers and is counted as one: the items, those of a contact together."""
+        """Parts that report, remember and are counted as one: the items, those of a contact together."""
         pairs = {id(pair) for contact in self.contacts for pair in contact.pairs}
         return [*(item for item in self.items if id(item) not in pairs), *self.contacts]
 
@@ -546,7 +547,7 @@ class Problem:
         return max([self.conditions.supports.turned(start, end), *(item.angle(start, end) for item in self.others)])
 
     def integrable(self, u):
-        """Whether all points of the bodies can be integrated: no cell is turned inside out. *Collective.*"""
+        """Return whether all points of the bodies can be integrated: no cell is turned inside out. *Collective.*"""
         out = np.zeros((self.space.n_owned, self.space.dim))
         self.bulk.residual(u, out)
         return bool(np.isfinite(self.forces.norm(out)))

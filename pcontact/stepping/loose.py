@@ -98,7 +98,7 @@ NAMED = 5
 
 
 class LooseBodies:
-    """What becomes of bodies that supports leave free, at the end of a load step.
+    """Treatment of bodies that supports leave free, at the end of a load step.
 
     Parameters
     ----------

@@ -268,7 +268,7 @@ class Recorder:
         return {"max_equivalent_strain": float(strain), "yielded_volume": float(volume)}
 
     def _distortions(self, u):
-        """How far the bodies with small strain are from what it represents, by region. *Collective.*"""
+        """Measure how far the bodies with small strain are from what it represents, by region. *Collective.*"""
         result = {}
         for number, found in self._problem.bulk.distortions(u, self._held).items():
             result[self._bodies[number]] = {

@@ -129,7 +129,7 @@ def rate(sizes):
 
 
 def _remedy(left, updates, wanted):
-    """What to do where each update leaves a part of the change, and another part of it is wanted."""
+    """Advice where each update leaves a part of the change, and another part of it is wanted."""
     if left is not None and left < 1.0:
         needed = updates + math.ceil(math.log(wanted) / math.log(left))
         if needed <= ASKED:

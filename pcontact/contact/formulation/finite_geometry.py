@@ -279,7 +279,7 @@ class FiniteSource(NamedTuple):
 
 
 class FinitePartner(NamedTuple):
-    """What is frozen of the partners of the points.
+    """Frozen partners of the points.
 
     Attributes
     ----------
@@ -331,7 +331,7 @@ class Motion(NamedTuple):
 
 
 class PointWork(NamedTuple):
-    """What is computed at one point; of two values or rows for tangents the first alone counts in the plane.
+    """Results and scratch of one point; of two values or rows for tangents the first alone counts in the plane.
 
     Attributes
     ----------
@@ -413,7 +413,7 @@ def point_work(d, width):
 
 @njit_inner
 def _is_near(kind, u, v, d):
-    """Whether a reference point is on the facet as it goes on beyond its edges."""
+    """Return whether a reference point is on the facet as it goes on beyond its edges."""
     if is_triangle(kind):
         return u >= -BESIDE and v >= -BESIDE and 1.0 - u - v >= -BESIDE
     return abs(u) <= BEYOND and (d == 2 or abs(v) <= BEYOND)

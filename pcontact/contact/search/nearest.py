@@ -37,7 +37,7 @@ ROUNDING = 1e-15  # of the largest coordinate: what a stored coordinate is worth
 
 
 class Queue(NamedTuple):
-    """What the walk for a point has before it; items are nodes of the tree, then facets in the order of the leaves.
+    """Stack of the walk for a point; items are nodes of the tree, then facets in the order of the leaves.
 
     Attributes
     ----------
@@ -166,7 +166,7 @@ def start_bound(tree, criteria, point, node):
 
 @njit_inner_exact
 def starts_of(tree, points, q, end, reach, exclusion, starts, box):
-    """Where the walks of points that lie together start: nodes of the tree within reach of the box around them.
+    """Starts of the walks of points that lie together: nodes of the tree within reach of the box around them.
 
     Parameters
     ----------
@@ -336,7 +336,7 @@ def sort_group(solved, count, order, ids):
 
 @njit_inner_exact
 def goes_before(row, other):
-    """Whether one of two facets of a group is the partner, by their shapes: else the smaller number is."""
+    """Return whether one of two facets of a group is the partner, by their shapes: else the smaller number is."""
     if row[HELD] != other[HELD]:
         return row[HELD] < other[HELD]
     rounding = EVEN * (other[DISTANCE] + 0.1 * other[SIZE]) + other[SLACK]
@@ -590,7 +590,7 @@ def _is_own(exclusion, q, facet, kind, row, column, factor, shapes):
 
 @njit_inner_exact
 def _asks(row):
-    """Whether the contact normal of a solved facet depends on its neighbours: held at an edge, or touching."""
+    """Return whether the contact normal of a solved facet depends on its neighbours: held at an edge, or touching."""
     return not row[INTERIOR] > 0.0 or row[DISTANCE] <= TOUCH * row[SIZE] + row[SLACK]
 
 
@@ -722,7 +722,7 @@ def _solve(target, criteria, point, local, leaf, row):
 
 @njit_inner_exact
 def _is_corner(kind, u, v):
-    """Whether a reference point is at a corner."""
+    """Return whether a reference point is at a corner."""
     if is_segment(kind):
         return True
     corners = 3 if is_triangle(kind) else 4
@@ -758,7 +758,7 @@ def _corner_angle(kind, u, v, jet):
 
 @njit_inner_exact
 def _is_passed_by(target, point, solved, slot, count, local):
-    """Whether a projection held at an edge is passed by: a neighbour at that edge has a nearer point.
+    """Return whether a projection held at an edge is passed by: a neighbour at that edge has a nearer point.
 
     The neighbour has been solved: it is nearer. It counts even if the facing rule rejected it: a point beside
     a box, its nearest side rejected, must not be taken for one that has gone through the top.

@@ -68,7 +68,7 @@ class SelfSurface(TargetSurface):
         return None if self.meets_itself else np.concatenate([self.table, self.rim.table])[:, 1]
 
     def exclusion(self, tree):
-        """Where the facets of :meth:`around`, in a tree, are in the undeformed bodies; without points."""
+        """Places of the facets of :meth:`around`, in a tree, in the undeformed bodies; without points."""
         table = np.concatenate([self.table, self.rim.table])
         whole = np.zeros(0) if self.meets_itself else whole_branches(tree, table[:, 1])
         facets = no_exclusion(self.x.shape[2])._replace(

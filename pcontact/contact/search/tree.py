@@ -383,7 +383,7 @@ def _fill_rings(numbers, first, around, kinds, d, alone, rings):
 
 @njit_inner_exact
 def _count_at_edge(numbers, first, around, kinds, a, b):
-    """How many facets have both corners."""
+    """Count the facets that have both corners."""
     count = 0
     for s in range(first[a], first[a + 1]):
         g = around[s]
@@ -450,7 +450,7 @@ def _fill_undeformed(tree, lower, upper, parts):
 
 @njit_inline
 def holds_none(cones, item, lower, upper, row, x, n, facing):
-    """Whether no partner of a point can be on the facets of an item, whatever body they belong to.
+    """Return whether no partner of a point can be on the facets of an item, whatever body they belong to.
 
     Parameters
     ----------
@@ -486,7 +486,7 @@ def holds_none(cones, item, lower, upper, row, x, n, facing):
 
 @njit_inline
 def is_behind(cones, item, part, x, slack):
-    """Whether all facets of an item are behind a point, through the material of its body: see `.exclusion`.
+    """Return whether all facets of an item are behind a point, through the material of its body: see `.exclusion`.
 
     Parameters
     ----------

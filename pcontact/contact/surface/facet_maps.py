@@ -60,13 +60,13 @@ def padded(table, width):
 
 @njit_inner_exact
 def is_triangle(kind):
-    """Whether the reference domain is the unit triangle."""
+    """Return whether the reference domain is the unit triangle."""
     return kind == TRIANGLE3 or kind == TRIANGLE6
 
 
 @njit_inner_exact
 def is_segment(kind):
-    """Whether the facet is a curve in the plane."""
+    """Return whether the facet is a curve in the plane."""
     return kind == SEGMENT2 or kind == SEGMENT3
 
 

@@ -270,7 +270,7 @@ class RigidObstacle:
             self._distance = surface or SHAPES[obstacle.shape](obstacle)
 
     def moved(self, x, start, end, origin=0.0):
-        """What the obstacle moves between two times [length]; what a level set does by itself is not known.
+        """Motion of the obstacle between two times [length]; what a level set does by itself is not known.
 
         Parameters
         ----------

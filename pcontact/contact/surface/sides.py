@@ -430,7 +430,7 @@ class TargetSurface:
         return self
 
     def around(self, x_facets):
-        """What is searched: deformed coordinates, kinds, numbers, which may be partners, nodes. *Collective.*
+        """Return what is searched: deformed coordinates, kinds, numbers, which may be partners, nodes. *Collective.*
 
         The rim decides with the others whether a projection is held at an edge, as if all facets were on one rank, but
         holds no partner itself. Without the nodes there are no cones of normals (`pcontact.contact.search.tree`):
@@ -444,7 +444,7 @@ class TargetSurface:
         return x, kinds, ids, np.arange(len(x)) < n, None
 
     def may_meet(self, own, other, ahead):
-        """Whether facets of bodies ``other`` (n,) may be partners of source facets of bodies ``own`` (n,).
+        """Return whether facets of bodies ``other`` (n,) may be partners of source facets of bodies ``own`` (n,).
 
         Parameters
         ----------

@@ -58,7 +58,7 @@ class _Part(NamedTuple):
 
 
 class _Asked(NamedTuple):
-    """What is asked of the points (np): ``mode``, STRESS, CONSISTENT or ELASTIC; whether they are ``wanted`` (np,);
+    """Wishes at the points (np): ``mode``, STRESS, CONSISTENT or ELASTIC; whether they are ``wanted`` (np,);
     the row ``at`` (np,) of their derivative, -1 for none."""
 
     mode: int
@@ -123,7 +123,7 @@ def _add_tractions(state, facets, nodal, normal, asked, work, out):
 
 @njit
 def _stiffest(state, facets, nodal, normal, work, out):
-    """How stiff cells are behind their facets, and in shear: ``out`` (nf, 2) [stress], 0 for a cell that cannot be
+    """Stiffness of cells behind their facets, and in shear: ``out`` (nf, 2) [stress], 0 for a cell that cannot be
     integrated."""
     cells, first, points = facets.cells, facets.first, facets.places.points
     tensor, values, vectors, m = np.zeros((3, 3)), np.zeros(3), np.zeros((3, 3)), work.point.stress.shape[0]
@@ -236,8 +236,8 @@ class FiniteTraction:
         return self._bulk.parts[part.number].of(part.rows), facets
 
     def growth(self, values, p):
-        """How much stiffer the cells behind the facets are at nodal values (n, d), the committed ones, than in the
-        undeformed state, and how much in shear: (nf, 2), at least 1; with small strain 1."""
+        """Growth of the stiffness of the cells behind the facets at nodal values (n, d), the committed ones, from
+        the undeformed state on, and of that in shear: (nf, 2), at least 1; with small strain 1."""
         found = np.ones((len(p.cells), 2))
         for part in self._parts:
             state, facets = self._present(part, p)
@@ -298,7 +298,7 @@ class FiniteTraction:
 
 
 class NoTraction(FiniteTraction):
-    """Where the source's stress does not enter; how stiff it is does."""
+    """Traction of a source whose stress does not enter, but its stiffness does."""
 
     symmetric = True
 

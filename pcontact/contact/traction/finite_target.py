@@ -66,7 +66,7 @@ class FiniteTarget(TargetTraction):
         return self._space.nodes[self._side.cells[self._asked]].ravel()
 
     def _ask(self, place, rows, columns, answer):
-        """What partners with places (np, k) say of some points (n,) and columns (n, ...) of them, rows (n, w).
+        """Ask the partners with places (np, k) of some points (n,), with columns (n, ...) of these: rows (n, w).
 
         `answer` is given facets (m,) and columns, one facet after the other. *Collective.*
         """

@@ -547,7 +547,7 @@ class Traction:
 
     @property
     def symmetric(self):
-        """Whether the derivative of the traction is its adjoint operator."""
+        """Return whether the derivative of the traction is its adjoint operator."""
         return self._excess is None
 
     @property
@@ -562,7 +562,7 @@ class Traction:
 
     @property
     def is_linear(self):
-        """Whether the traction is that of :meth:`rows`, and nothing besides."""
+        """Return whether the traction is that of :meth:`rows`, and nothing besides."""
         return self._excess is None and not self._constant
 
     def rows(self, axes, normal, last):
@@ -603,7 +603,8 @@ class Traction:
         return out
 
     def linear(self, values, p, wanted):
-        """What is linear in the displacement, (np, d) at values (n, d); of points not wanted something else."""
+        """Part of the traction that is linear in the displacement, (np, d) at values (n, d); of points not wanted
+        something else."""
         out = self.elastic(values, p, wanted)
         if self._linear is not None:
             _add_rows(self._linear.at, self._linear.rows, values, p.cells, self.source.facet, out)
@@ -625,14 +626,14 @@ class Traction:
         traction += np.einsum("pd,pd->p", own, p.normal)
 
     def excess(self, values, p):
-        """What it adds to the derivative of the traction, a :class:`pcontact.contact.points.Excess`."""
+        """Derivative of what is not linear, a :class:`pcontact.contact.points.Excess`."""
         if self._excess is None:
             return no_excess(self.source.shape.shape[1], self.source.x.shape[1])
         at, rows = self._excess.rows(values, p.cells)
         return Excess(at, rows, 0 if self.consistent else len(rows))
 
     def beyond(self, values, p):
-        """What the derivative of the traction has beyond that of isotropic elasticity, all that has rows at points."""
+        """Derivatives of the traction beyond that of isotropic elasticity, all that has rows at points."""
         return [self.excess(values, p), *([] if self._linear is None else [self._linear])]
 
     def add_adjoint(self, values, p, weights, out):

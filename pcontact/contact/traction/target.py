@@ -166,7 +166,7 @@ class TargetTraction:
         return np.zeros(len(cells), dtype=bool) if rigid is None else rigid[cells].all(axis=1)
 
     def _answer(self, asked, nodal, m):
-        """What partners say, a list of arrays of n rows: nodes, derivative of the traction; :meth:`_numbers`, normal.
+        """Answers of partners, a list of arrays of n rows: nodes, derivative of the traction; :meth:`_numbers`, normal.
 
         Parameters
         ----------
@@ -249,7 +249,7 @@ class TargetTraction:
         return out
 
     def ask(self, found, rows, columns, nodal, m):
-        """What the partners of some points (n,) of a source say: the arrays of :meth:`_answer`, of all points (np,),
+        """Answers of the partners of some points (n,) of a source: the arrays of :meth:`_answer`, of all points (np,),
         with as many columns on all ranks; zero for the others. *Collective.*"""
         d, width, place = self._space.dim, self._width, found.place[rows]
         sends, order = split_by_rank(place[:, 0].astype(np.int64), np.column_stack([place[:, 1:], columns]))
@@ -274,7 +274,7 @@ class TargetTraction:
         return LocalCells(None, np.minimum(numbers, max(len(every) - 1, 0)))
 
     def beyond(self, values, p):
-        """What is not linear in t2 (np, d), at values (n, d) [stress]. *Collective.*"""
+        """Part of t2 (np, d) that is not linear, at values (n, d) [stress]. *Collective.*"""
         out = np.zeros_like(self.traction.source.x)
         self.traction.add_excess(values, self._local(p), out)
         return self._replies(out)
@@ -290,7 +290,7 @@ class TargetTraction:
         return self._replies(rows.reshape(len(rows), self._width * d**2)).reshape(self._count, self._width, d, d)
 
     def sides(self, found, source, nodal, m):
-        """What the sides of the points of a source say. *Collective.*
+        """Weigh the two sides of the points of a source. *Collective.*
 
         Parameters
         ----------
@@ -468,7 +468,7 @@ class Share:
 
 
 def is_two_sided(space, bulk, contact):
-    """Whether the traction of a contact by Nitsche's method is the weighted one of both sides. *Collective.*
+    """Return whether the traction of a contact by Nitsche's method is the weighted one of both sides. *Collective.*
 
     It is, unless the contact says otherwise, between bodies. Where a body meets itself partners jump around corners,
     with their stress, and sides are as stiff as each other. The second derivative of the stress, which the
