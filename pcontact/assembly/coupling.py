@@ -21,8 +21,7 @@ import numpy as np
 from pcontact.assembly.patches import group_patches, node_patches
 from pcontact.mesh.mesh import size_of
 from pcontact.runtime.errors import input_error
-from pcontact.runtime.petsc import MPI
-from pcontact.space.constraints import moved
+from pcontact.space.constraints import moved, resultant
 from pcontact.space.supports import moments
 
 # [-] Least part of the largest inertia that turns about an axis at all. From: far above rounding errors, far below what
@@ -294,10 +293,7 @@ class AverageCoupling:
         a function of points. *Collective.*"""
         space, average = self._space, self._average
         forces = np.where(self._held, 0.0, unbalanced[self._rows])
-        arms = space.points[space.owned_local[self._rows]] - average.centre
-        own = np.concatenate([forces.sum(axis=0), np.atleast_1d(moments(arms, forces))])
-        sums = space.comm.allreduce(own, op=MPI.SUM)
-        force, moment = sums[: space.dim], sums[space.dim :] if space.dim == 3 else float(sums[space.dim])
+        force, moment = resultant(space, average.centre, self._rows, forces)
         return lambda points: average.density(points, force, moment)
 
     def record(self, u, unbalanced):

@@ -374,11 +374,7 @@ class Deck:
         ------
         InputError
         """
-        if word.upper() in self.node_sets:
-            return self.node_sets[word.upper()]
-        if not word.isdigit():
-            raise card.refuse(f"the unknown set of nodes {word!r}", _listed(self.node_sets), place)
-        return self._one(card, place, word, self.nodes, "node")
+        return self._members(card, place, word, (self.node_sets, self.nodes, "node"))
 
     def elements_of(self, card, place, word):
         """Elements of a set, or the one with a number.
@@ -387,11 +383,7 @@ class Deck:
         ------
         InputError
         """
-        if word.upper() in self.element_sets:
-            return self.element_sets[word.upper()]
-        if not word.isdigit():
-            raise card.refuse(f"the unknown set of elements {word!r}", _listed(self.element_sets), place)
-        return self._one(card, place, word, self.elements, "element")
+        return self._members(card, place, word, (self.element_sets, self.elements, "element"))
 
     def surface_of(self, card, place, word):
         """A surface.
@@ -405,7 +397,12 @@ class Deck:
         return self.surfaces[word.upper()]
 
     @staticmethod
-    def _one(card, place, word, known, what):
+    def _members(card, place, word, kind):
+        sets, known, what = kind
+        if word.upper() in sets:
+            return sets[word.upper()]
+        if not word.isdigit():
+            raise card.refuse(f"the unknown set of {what}s {word!r}", _listed(sets), place)
         if int(word) not in known:
             raise card.refuse(f"{what} {word}, which the deck does not have", f"one of its {len(known)} {what}s", place)
         return [int(word)]

@@ -211,12 +211,8 @@ def fetch(exchanger, starts, values, nodes):
     rank, size = exchanger.comm.rank, exchanger.comm.size
     if size == 1:
         return values if len(nodes) == len(values) else values[nodes]
-    cuts = np.searchsorted(nodes, starts)
-    asked = {r: nodes[cuts[r] : cuts[r + 1]] for r in range(size) if cuts[r + 1] > cuts[r]}
-    asked = exchanger(asked, np.int64, 1)
-    replies = {r: values[n.ravel() - starts[rank]] for r, n in asked.items()}
-    answers = exchanger(replies, values.dtype, values.shape[1])
-    return np.concatenate([np.zeros((0, values.shape[1]), dtype=values.dtype), *answers.values()])
+    homes = np.searchsorted(starts, nodes, side="right") - 1
+    return exchanger.ask(homes, nodes[:, None], lambda rows: values[rows[:, 0] - starts[rank]])
 
 
 class Corners:

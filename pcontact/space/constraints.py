@@ -291,14 +291,21 @@ def moved(space, point, motion, rows, forces):
     dict
     """
     (displacement, rotation), d = motion, space.dim
-    arms = space.points[space.owned_local[rows]] - point
-    own = np.concatenate([forces.sum(axis=0), np.atleast_1d(moments(arms, forces))])
-    sums = space.comm.allreduce(own, op=MPI.SUM)
-    result = {"displacement": displacement.tolist(), "force": sums[:d].tolist()}
+    force, moment = resultant(space, point, rows, forces)
+    result = {"displacement": displacement.tolist(), "force": force.tolist()}
     if not space.axisymmetric:
         result["rotation"] = rotation if d == 2 else rotation.tolist()
-        result["moment"] = float(sums[d]) if d == 2 else sums[d:].tolist()
+        result["moment"] = moment if d == 2 else moment.tolist()
     return result
+
+
+def resultant(space, point, rows, forces):
+    """Sum (d,) of forces (k, d) at owned nodes (k,) of all ranks, and their moment about a point: a number in the
+    plane. *Collective.*"""
+    arms = space.points[space.owned_local[rows]] - point
+    own = np.concatenate([forces.sum(axis=0), np.atleast_1d(moments(arms, forces))])
+    force, moment = np.split(space.comm.allreduce(own, op=MPI.SUM), [space.dim])
+    return force, float(moment[0]) if space.dim == 2 else moment
 
 
 class RigidGroup(Constraint):
