@@ -17,7 +17,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pcontact.contact.formulation.averages import patch_means
 from pcontact.contact.formulation.finite_geometry import (
     Motion,
     Placed,
@@ -34,9 +33,8 @@ from pcontact.contact.formulation.finite_kernels import (
     augment,
     tangent_work,
 )
-from pcontact.contact.formulation.small import across
-from pcontact.contact.law import OPEN, SLIP, STICK
-from pcontact.runtime.parallel import take_rows
+from pcontact.contact.formulation.small import Terms
+from pcontact.contact.law import OPEN, SLIP
 
 # [facet sizes] Overlap beyond which the tangent turns normals and moves partners in part only, see
 # `pcontact.contact.formulation.finite_kernels`, in the first tangents of a load step; [tangents] these, and by how many
@@ -54,20 +52,11 @@ class Contact(NamedTuple):
     placed: Placed
 
 
-class FiniteTerms:
-    """Residual and tangent of a pair at its points, as functions of nodal values (n, d) and the view of a rule.
-
-    Parameters
-    ----------
-    space : pcontact.space.space.Space
-    source : pcontact.contact.surface.sides.SourceSurface
-    method : pcontact.contact.formulation.methods.Method
-    traction : pcontact.contact.traction.finite.FiniteTraction
-    law : pcontact.contact.law.Frictionless
-    """
+class FiniteTerms(Terms):
+    """Those of a pair at finite motion; parameters as for `pcontact.contact.formulation.small.Terms`."""
 
     def __init__(self, space, source, method, traction, law):
-        self.space, self.source, self.method, self.traction, self.law = space, source, method, traction, law
+        super().__init__(space, source, method, traction, law)
         self.slides = law.tangential
         self._lag = np.zeros_like(source.x)
         # that of the load step; what the next one will start from is known when this one has been committed
@@ -112,27 +101,8 @@ class FiniteTerms:
         """The load step has ended; returns the status (np,) of the points. *Collective.*"""
         contact = self._contact(p, values)
         at = self._acting(p, values, view, contact)
-        if self.slides and not self.law.tied:
-            lag = (at.traction - at.force) / (self.method.alpha * self.method.gamma)[:, None]
-            stick = at.status == STICK
-            if self.method.has_traction:
-                lag = np.where(stick[:, None], patch_means(self.space, p, self.source, lag, stick), lag)
-            self._lag = np.where((at.status > OPEN)[:, None], across(lag, contact.placed.normal), 0.0)
-        self.method.commit()
+        self._end_step(p, contact.placed.normal, at.traction, at.force, at.status)
         return at.status
-
-    def memory(self, keys):
-        """Tables for a checkpoint, see `pcontact.assembly.item.Item.memory`."""
-        rows = np.flatnonzero(self._lag.any(axis=1))
-        lag = {"lag": (keys[rows], self._lag[rows])} if self.slides and not self.law.tied else {}
-        return {**lag, **self.method.memory(keys)}
-
-    def recall(self, name, keys, chunks):
-        """Take a table back, see `pcontact.assembly.item.Item.recall`."""
-        if name != "lag" or not self.slides or self.law.tied:
-            return self.method.recall(name, keys, chunks)
-        self._lag = np.zeros_like(self.source.x)
-        return take_rows(keys, chunks, self._lag)
 
     # -- at the points --------------------------------------------------------------------------------------------
 

@@ -38,7 +38,7 @@ def across(vectors, normal):
     return vectors - np.einsum("pd,pd->p", vectors, normal)[:, None] * normal
 
 
-class SmallTerms:
+class Terms:
     """Residual and tangent of a pair at its points, as functions of nodal values (n, d) and the view of a rule.
 
     Parameters
@@ -46,23 +46,57 @@ class SmallTerms:
     space : pcontact.space.space.Space
     source : pcontact.contact.surface.sides.SourceSurface
     method : pcontact.contact.formulation.methods.Method
-    traction : pcontact.contact.traction.small.Traction
+    traction : pcontact.contact.traction.small.Traction or pcontact.contact.traction.finite.FiniteTraction
     law : pcontact.contact.law.Frictionless
     """
 
     def __init__(self, space, source, method, traction, law):
         self.space, self.source, self.method, self.traction, self.law = space, source, method, traction, law
         if self._lags:
-            self._start = self._before = self._lag = np.zeros_like(source.x)
+            self._lag = np.zeros_like(source.x)
+
+    @property
+    def _lags(self):
+        return self.law.tangential and not self.law.tied
+
+    def _end_step(self, p, normal, traction, force, status):
+        """Keep by how much the jump lags behind the law at the end of a load step, of points with tractions t and P
+        (np, d). *Collective.*"""
+        if self._lags:
+            lag = (traction - force) / (self.method.alpha * self.method.gamma)[:, None]
+            stick = status == STICK
+            if self.method.has_traction:
+                lag = np.where(stick[:, None], patch_means(self.space, p, self.source, lag, stick), lag)
+            self._lag = np.where((status > OPEN)[:, None], across(lag, normal), 0.0)
+        self.method.commit()
+
+    def memory(self, keys):
+        """Tables for a checkpoint, see `pcontact.assembly.item.Item.memory`."""
+        if not self._lags:
+            return self.method.memory(keys)
+        rows = np.flatnonzero(self._lag.any(axis=1))
+        return {"lag": (keys[rows], self._lag[rows]), **self.method.memory(keys)}
+
+    def recall(self, name, keys, chunks):
+        """Take a table back, see `pcontact.assembly.item.Item.recall`."""
+        if name != "lag" or not self._lags:
+            return self.method.recall(name, keys, chunks)
+        self._lag = np.zeros_like(self.source.x)
+        return take_rows(keys, chunks, self._lag)
+
+
+class SmallTerms(Terms):
+    """Those of small strain; parameters as for `Terms`."""
+
+    def __init__(self, space, source, method, traction, law):
+        super().__init__(space, source, method, traction, law)
+        if self._lags:
+            self._start = self._before = self._lag
 
     @property
     def _directions(self):
         """Directions in which tractions count."""
         return self.space.dim if self.law.tangential else 1
-
-    @property
-    def _lags(self):
-        return self.law.tangential and not self.law.tied
 
     def wide(self, p):
         """Points (np,) whose traction is that of the cells of their partners, too."""
@@ -115,34 +149,11 @@ class SmallTerms:
             self._before = self._start - turned(self._lag)
 
     def commit(self, p, values, view):
-        """The load step has ended; returns the status (np,) of the points. *Collective.*
-
-        By how much the jump lags behind the law is kept.
-        """
+        """The load step has ended; returns the status (np,) of the points. *Collective.*"""
         traction, tau = self._augmented(p, values, p.acts)
         force, status = self._projected(p, view, tau)
-        if self._lags:
-            lag = (traction - force) / (self.method.alpha * self.method.gamma)[:, None]
-            stick = status == STICK
-            if self.source.grad.shape[1]:
-                lag = np.where(stick[:, None], patch_means(self.space, p, self.source, lag, stick), lag)
-            self._lag = np.where((status > OPEN)[:, None], across(lag, p.normal), 0.0)
-        self.method.commit()
+        self._end_step(p, p.normal, traction, force, status)
         return status
-
-    def memory(self, keys):
-        """Tables for a checkpoint, see `pcontact.assembly.item.Item.memory`."""
-        if not self._lags:
-            return self.method.memory(keys)
-        rows = np.flatnonzero(self._lag.any(axis=1))
-        return {"lag": (keys[rows], self._lag[rows]), **self.method.memory(keys)}
-
-    def recall(self, name, keys, chunks):
-        """Take a table back, see `pcontact.assembly.item.Item.recall`."""
-        if name != "lag" or not self._lags:
-            return self.method.recall(name, keys, chunks)
-        self._lag = np.zeros_like(self.source.x)
-        return take_rows(keys, chunks, self._lag)
 
     # -- at the points, in the directions in which tractions count ------------------------------------------------
 
