@@ -383,7 +383,7 @@ def misled(pair, u, found, normal, time, keeps=0.0, former=None):
     time : float
         Of the solution.
     keeps : float
-        Points whose gap changes by less than this part of that way may keep their normals: they do not decide.
+        Part of the answer that a point between two facets may change.
     former : ndarray (np, d), optional
         Normals before those by which the load step has gone. A point that would go back to them may keep what it has if
         it changes the answer by less than `keeps`: at the edge between two facets each solution finds the other one.
@@ -418,16 +418,16 @@ def misled(pair, u, found, normal, time, keeps=0.0, former=None):
     if total == 0.0:
         return float(lost), float(lost), lost
     way, resultant, turn = sum(np.abs(sums[:2])), np.array(sums[2:]), found.normal - normal
-    kept, returned = change <= keeps * way / total, np.zeros(len(closed), dtype=bool)
+    returned = np.zeros(len(closed), dtype=bool)
     if former is not None:
         # each solution finds the partner of the other one
         returned = np.linalg.norm(found.normal - former, axis=1) <= RETURNED * np.linalg.norm(turn, axis=1)
         returned &= force * change <= keeps * way
     along = resultant / max(np.linalg.norm(resultant), 1e-300)
     parts = []
-    for changes, turns in ((closed, closed), (closed & ~returned, closed & ~(kept | returned))):
-        bent = np.where(turns[:, None], turn, 0.0)
-        changed, *bent = comm.allreduce(np.array([force[changes] @ change[changes], *(force @ bent)]), op=MPI.SUM)
+    for some in (closed, closed & ~returned):
+        bent = np.where(some[:, None], turn, 0.0)
+        changed, *bent = comm.allreduce(np.array([force[some] @ change[some], *(force @ bent)]), op=MPI.SUM)
         # what is inside without a word will bear as others do
         changed += total / area * depth
         # normals that spread or gather leave the force where it points

@@ -118,10 +118,8 @@ class PartnerUpdate:
         if not self.items:
             return result
         for searches in range(self.most + 1):
-            # points that alternate, in scenes that make much of it, are left in the end with what the report says
-            part = self.tolerance if searches == self.most else self.tolerance / self._gain
             before = self._forces(u) if result.converged else None
-            if before is None or not self._renewed(u, searches >= FIRM, part):
+            if before is None or not self._renewed(u, searches >= FIRM, self.tolerance / self._gain):
                 break
             if searches == self.most:
                 reason = f"points of contact still find other partners after {self.most} searches"
@@ -131,8 +129,10 @@ class PartnerUpdate:
             result = self._with_multipliers(u, combined(result, self.newton.again(u, near=True)), False)
             self._compare(before, self._forces(u), expected)
         change = self._gain * max(item.stale for item in self.items)
+        # points that may keep what they have are in it
+        unsettled = sorted({item.name for item in self.items if self._gain * item.stale > self.tolerance})
         self.carried = self._gain if self.carried else 0.0
-        return replace(result, partners={"change": change, "searches": self._searches})
+        return replace(result, partners={"change": change, "searches": self._searches, "unsettled": unsettled})
 
     def _forces(self, u):
         """Contact forces (np, d) at the points of every item [force]. *Collective.*"""

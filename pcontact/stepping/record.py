@@ -192,6 +192,15 @@ class Recorder:
                     "left theirs: bodies went far in a load step; smaller load steps%s",
                     time, name, passed, left, ", or no -contact_search_again 0" if unverified else "",
                 )  # fmt: skip
+        for name in (step.partners or {}).get("unsettled", ()):
+            if (name, "unsettled") not in self._told:
+                self._told.add((name, "unsettled"))
+                log.warning(
+                    "time %g: contact %s: points at edges between facets find either by turns, which changes contact "
+                    "forces by up to %.2g %%, more than -contact_partner_rtol; remedy: more load steps, smaller "
+                    "cells there, or a larger -contact_partner_rtol",
+                    time, name, 100.0 * step.partners["change"],
+                )  # fmt: skip
         for contact in self._problem.contacts:
             if contact.overlap > DEEPER and (contact.name, "overlap") not in self._told:
                 self._told.add((contact.name, "overlap"))

@@ -161,7 +161,7 @@ def settled(case, variant, reference, work):
         return False
     results = []
     for one in (reference, variant):
-        place = work / f"settled_{case.seed}_{one.name.replace(', ', '_')}_{len(results)}"
+        place = work / f"settled_{case.seed}_{variant.name.replace(', ', '_')}_{len(results)}"
         write_case(place, one.case)
         results += run_jobs([job_of(place, {**one.options, "contact_partner_rtol": FINE})], one.ranks, work)
     return _compared(case, variant, reference, *results) is None

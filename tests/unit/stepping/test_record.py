@@ -28,6 +28,15 @@ def test_points_that_are_lost_name_the_check_where_it_is_left_out(partners, veri
     assert ("-contact_search_again" in caplog.text) == named and "smaller load steps" in caplog.text
 
 
+def test_partners_that_change_more_than_is_asked_are_told_once(caplog):
+    one = recorder([0.0])
+    for time in (1.0, 2.0):
+        step = SimpleNamespace(time=time, partners={"searches": 1, "change": 0.03, "unsettled": ["c"]})
+        one._warn_of_lost(step, {"c": {"passed": 0, "left": 0}})
+    (line,) = caplog.messages
+    assert "time 1: contact c" in line and "3 %" in line and "-contact_partner_rtol" in line
+
+
 @pytest.mark.parametrize(("theta", "damps", "controls"), [(0.0, False, False), (1.0, True, True)])
 def test_energy_from_nowhere_names_what_is_not_chosen(theta, damps, controls, caplog):
     inertia = SimpleNamespace(damps=damps, controls=controls)
