@@ -287,8 +287,6 @@ class Simulation:
             for name, one in self._carriers.items():
                 one.carried = resumed.carried.get(name, 0.0)
             log.info("restart from %s at time %g after %d steps", self.restart, resumed.time, resumed.number)
-        else:
-            self.stepper.begin()
         with nullcontext() if self.records is None else self.records.kept():
             converged = self._solve(lasting, directory)
             for observer in self._watch:
@@ -430,7 +428,6 @@ class Simulation:
         release.start(self.problem, self.stepper.u, state.borne)
         if held is not None:
             self.energy.part_with(held, self.stepper.u)
-        self.stepper.begin()
         if self.energy is not None:
             self.energy.begin(self.stepper.u)
 

@@ -23,6 +23,11 @@ from pcontact.space.supports import moments
 STATE = ("velocity", "acceleration", "force")
 # [-] Relative residual of the mass matrix at the beginning. From: chosen, rounding errors of some hundred terms.
 MASS_RTOL = 1e-13
+# [quarters of a step] Where what is prescribed is looked at for its velocity at the beginning. From: chosen; the error
+# is of the fourth order, two above that of integrators.
+STENCIL = np.arange(5.0)
+# [-] Part of the largest velocity that is no jump of it. From: chosen, rounding errors of differences are 1e-4 of that.
+CORNER = 1e-9
 # [-] Bodies rest where the forces of inertia are this part of the largest ones of their motion. From: chosen; the load
 # step is then solved without them, from there.
 REST_FORCE = 1e-2
@@ -168,8 +173,12 @@ class Inertia(Item):
     # -- the beginning ----------------------------------------------------------------------------------------------
 
     def start(self, problem, u, time, end):
-        """Begin at a time, unless that has been done: enter displacement and velocity of the nodes, and find the
-        acceleration that the forces there leave. *Collective.*
+        """Begin at a time, unless that has been done, with displacement and velocity of the nodes; and let them move on
+        from there as what is prescribed does: it may move at once, or its amplitudes have a corner. *Collective.*
+
+        Nodes whose motion is prescribed take up a velocity at once, and so the others get an impulse: the motion that
+        follows is the nearest one, in the norm of the mass, that supports and groups admit. The acceleration is the one
+        that the forces leave then.
 
         Parameters
         ----------
@@ -178,42 +187,73 @@ class Inertia(Item):
         u : PETSc.Vec
             The committed displacement; overwritten.
         time, end : float
-            Of the first step: what supports prescribe moves in it with constant velocity.
+            Of the coming step: what is prescribed is smooth in it.
+
+        Returns
+        -------
+        bool
+            Whether velocity or acceleration are others than before.
         """
-        if self.begun:
-            return
-        self._since, self._goes_on, problem.time = time, False, time
-        self.velocity, self.acceleration, self.force = (np.zeros_like(self.velocity) for _ in STATE)
+        fresh = not self.begun
+        if fresh:
+            self._enter(problem, u, time)
+        before, (velocity, acceleration) = self.velocity, self._given(problem, u, time, end)
+        if not fresh:
+            wrong = self._barred(problem, before - velocity)
+            wrong += (end - time) * self._barred(problem, self.acceleration - acceleration)
+            if self.space.longest(wrong) <= CORNER * max(map(self.space.longest, (before, velocity))):
+                return False
+        matrix = self.mass.matrix(problem)
+        self.velocity = velocity + self._accelerated(problem, matrix, self.mass.times(before - velocity))
+        forces = self.force + self._drag(before - self.velocity) - self.mass.times(acceleration)
+        self.acceleration = acceleration + self._accelerated(problem, matrix, forces)
+        self.force = self.mass.times(self.acceleration)
+        return True
+
+    def _enter(self, problem, u, time):
+        """Displacement and velocity at the beginning, and the forces of all others there. *Collective.*"""
+        self._since, self._goes_on, self.begun, problem.time = time, False, True, time
         displacement, velocity = self._initial(time)
         moved = displacement is not None
         if moved:
             u.setArray(displacement.ravel())
         # what supports and groups prescribe holds from the beginning
         problem.conditions.enter(u, time)
-        then = u.copy()
-        problem.conditions.enter(then, end)
-        given = (self._values(then) - self._values(u)) / (end - time)
-        self.velocity = np.where(problem.conditions.fixed, given, velocity)
-        if problem.conditions.groups:
-            # what groups do not admit they take up in an impact at once: the nearest motion, in the norm of the mass
-            impulse = self.mass.times(velocity - given)
-            problem.conditions.condense(impulse)
-            self.velocity = self._accelerated(problem, impulse) + given
         for at in (None, u) if moved else (u,):
             for item in problem.items:
                 where = problem.undeformed(item) if at is None else at
                 item.detect(where, time)
                 if moved:
                     item.commit(where, time)
-        forces = problem.unbalanced(u)
-        problem.conditions.condense(forces)
-        self.acceleration = self._accelerated(problem, -forces)
-        self.force, self.begun = self.mass.times(self.acceleration), True
+        self.velocity, self.acceleration, self.force = velocity, *(np.zeros_like(velocity) for _ in range(2))
+        self.force = -problem.unbalanced(u)
 
-    def _accelerated(self, problem, forces):
-        """Accelerations (n_owned, d) by forces that are condensed, or velocities by impulses; 0 of what is prescribed.
+    def _given(self, problem, u, time, end):
+        """Velocity and acceleration (n_owned, d) of what is prescribed, right after a time, by the polynomial through
+        what it is in the step; 0 of what is free. *Collective.*"""
+        size, ways = (end - time) / (len(STENCIL) - 1), []
+        for k in range(len(STENCIL)):
+            then = u.copy()
+            problem.conditions.enter(then, time + k * size)
+            ways.append(self._values(then) - (ways[0] if ways else 0.0))
+            then.destroy()
+        ways[0] = np.zeros_like(ways[0])
+        first, second = np.tensordot(np.linalg.inv(np.vander(STENCIL, increasing=True))[1:3], ways, 1)
+        return first / size, 2.0 * second / size**2
+
+    def _barred(self, problem, motion):
+        """What supports and groups do not admit of a motion (n_owned, d), as it is between two that they prescribe.
         *Collective.*"""
-        space, matrix = self.space, self.mass.matrix(problem)
+        vector = self.space.vector()
+        vector.setArray(motion.ravel())
+        problem.conditions.follow(vector)
+        return motion - self._values(vector)
+
+    def _accelerated(self, problem, matrix, forces):
+        """Accelerations (n_owned, d) by forces, overwritten, or velocities by impulses; 0 of what is prescribed.
+        *Collective.*"""
+        space = self.space
+        problem.conditions.condense(forces)
         right, left = space.vector(), space.vector()
         right.setArray(forces.ravel())
         ksp = PETSc.KSP().create(comm=space.comm)

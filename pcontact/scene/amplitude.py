@@ -91,7 +91,7 @@ class Squared(Amplitude):
 def corners(scene):
     """Times (a list, unsorted) of the corners of all amplitudes of a scene: load steps end there."""
     obstacles = [contact.obstacle for contact in scene.contacts if contact.obstacle is not None]
-    moved = [*scene.displacements, *scene.loads, *scene.temperatures, *scene.couplings, *obstacles]
+    moved = [*scene.displacements, *scene.loads, *scene.temperatures, *scene.couplings, *scene.pretensions, *obstacles]
     tables = [one.amplitude for one in moved] + [contact.interference_amplitude for contact in scene.contacts]
     return [time for table in tables for time, _ in (table or [])]
 

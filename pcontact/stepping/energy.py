@@ -173,13 +173,27 @@ class EnergyBalance:
             self.sums["gone"].carried += before[1] - kinetic
             self.sums["inertia"].carried -= before[1] - kinetic
 
-    def set_off(self, u, first):
+    def set_off(self, u, before, first):
         """Begin at ``u`` with inertia: what moves there, and what is strained at the beginning of a run (`first`), is
-        energy that nobody has supplied. *Collective.*"""
-        kinetic = self._problem.features.inertia.kinetic()
+        energy that nobody has supplied. Where bodies have moved with the kinetic energy `before`, supports have changed
+        that, by impulses. *Collective.*"""
+        kinetic = self._problem.features.inertia.kinetic() - (before or 0.0)
         self.sums["inertia"].carried += kinetic
+        if before is not None:
+            self.sums["supports"].carried += kinetic
+            self._inertia_changes(u)
+            return
         self.sums["initial"].carried += kinetic + (self._problem.bulk.energies(u)[0] if first else 0.0)
         self.begin(u)
+
+    def _inertia_changes(self, u):
+        """Only the forces of inertia are others than at the end of the last load step, and what bears them.
+        *Collective.*"""
+        inertia = self._problem.features.inertia
+        name, forces = f"item {self._problem.others.index(inertia)}", np.zeros_like(self._last["supports"])
+        inertia.residual(u, forces)
+        self._last["supports"] -= forces - self._last[name]
+        self._last[name] = forces
 
     def _with_obstacle(self, pair, start, values, begin, end):
         """How nodes (n_owned, d) would move with the obstacle of a pair [length]."""

@@ -97,7 +97,7 @@ class Schedule:
         self._planned = (end - begin) / count
         self._largest = self._control.longest or self._planned
         self._step = min(self._planned, self._largest)
-        self._stops = np.unique([t for t in [*stops, end] if begin < t <= end])
+        self._stops = np.unique([t for t in [begin, *stops, end] if begin <= t <= end])
         self.time = begin
 
     def next(self):
@@ -123,6 +123,11 @@ class Schedule:
     def ends(self, time):
         """Whether a run has ended at a time."""
         return time >= self.end * (1.0 - 1e-12)
+
+    @property
+    def at_stop(self):
+        """Whether the coming step begins at a stop, or the run does, or the phase."""
+        return self.time in self._stops
 
     @property
     def size(self):

@@ -155,16 +155,15 @@ class Stepper:
         self.schedule.resume(time, size)
         self.number, self.first = number, first
 
-    def begin(self):
-        """Begin a run, or a phase of it, at the committed displacement: bodies with inertia have a velocity, and forces
-        act from the first moment on. *Collective.*"""
+    def _set_off(self):
+        """Bodies with inertia begin to move, and forces act from the first moment on; or what moves them has a corner.
+        *Collective.*"""
         inertia, energy = self.problem.features.inertia, self._stages.energy
         if inertia is None:
             return
-        time, fresh = self.schedule.time, not inertia.begun
-        inertia.start(self.problem, self.u, time, self.schedule.next())
-        if energy is not None and fresh:
-            energy.set_off(self.u, self.number == 0)
+        fresh, kinetic = not inertia.begun, inertia.kinetic()
+        if inertia.start(self.problem, self.u, self.schedule.time, self.schedule.next()) and energy is not None:
+            energy.set_off(self.u, None if fresh else kinetic, self.number == 0)
 
     def run(self):
         """All load steps. *Collective.*
@@ -176,6 +175,8 @@ class Stepper:
         """
         cutbacks = 0
         while not self.schedule.done:
+            if not cutbacks and self.schedule.at_stop:
+                self._set_off()
             target, begin = self.schedule.next(), self.schedule.time
             committed = self.u.copy()
             result = self._attempt(target, committed)

@@ -402,8 +402,14 @@ def motion(case, result, tight):
         rows.append((record, momentum[first:], force[first:], max([least, *map(np.linalg.norm, outer)]), row["floor"]))
     largest, before = max([one[3] for one in rows], default=least), None
     speed = max([np.linalg.norm(one[1]) for one in rows], default=0.0)
+    moved = [one for key in ("displacements", "couplings", "pretensions") for one in scene.get(key, [])]
+    corners = {time for one in moved for time, _ in one.get("amplitude") or []}
     for one, other in pairwise(rows):
         size = other[0]["time"] - one[0]["time"]
+        if one[0]["time"] in corners:
+            # supports exert an impulse
+            before = None
+            continue
         if one[0].get("phase") != other[0].get("phase") or one[0].get("absent") != other[0].get("absent"):
             before = None
             continue

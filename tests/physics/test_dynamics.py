@@ -17,7 +17,8 @@ from pcontact.scene.model import (
     Scene,
     Steps,
 )
-from tests.support.dynamics import FALL, HEIGHT, LENGTH, bar, collision, make, slider, string
+from pcontact.simulation import Simulation
+from tests.support.dynamics import FALL, HEIGHT, LENGTH, bar, collision, make, pulled, slider, string
 from tests.support.restarts import run
 
 WORLD, SELF = MPI.COMM_WORLD, MPI.COMM_SELF
@@ -225,3 +226,45 @@ def test_a_rod_swings_with_its_frequency(shared_tmp, mass, order):
     assert quarter == pytest.approx(0.5, rel=0.006 if order == 1 else 5e-4)
     if order == 1:
         assert (quarter < 0.5) == (mass == "consistent")
+
+
+def end_velocity(scene):
+    """Velocity (n, 2) of the nodes at the left end, after a run."""
+    simulation = Simulation(scene, SELF)
+    try:
+        assert simulation.run()
+        space, inertia = simulation.problem.space, simulation.problem.features.inertia
+        return inertia.velocity[np.isin(space.owned_local, space.region("left"))]
+    finally:
+        simulation.free()
+
+
+@parallel(1, 3)
+@pytest.mark.parametrize("integrator", ["trapezoidal", "hht"])
+@pytest.mark.parametrize("table", [[(0, 0), (0.2, 0), (0.5, 1)], [(0, 0), (2, 1)]])
+def test_a_support_that_moves_at_once(shared_tmp, integrator, table):
+    """At a corner of its amplitude, or from the beginning: it exerts rho c v, nothing swings, no energy is missing."""
+    way, scene = 0.01, pulled(shared_tmp, 40, 0.01, table, integrator=integrator)
+    (begin, _), (end, _) = table[-2:]
+    steps = run(scene, WORLD, shared_tmp / "out")
+    time, force = column(steps, "time"), column(steps, "reactions", "left")[:, 0]
+    speed, momentum = way / (end - begin), column(steps, "inertia", "momentum")[:, 0]
+    moves, apart = (time > begin) & (time <= end), np.minimum(np.abs(time - begin), np.abs(time - end)) > 0.1
+    assert np.abs(force - np.where(moves, speed, 0.0))[apart].max() < 0.05 * speed
+    assert momentum == pytest.approx(speed * (np.clip(time, begin, end) - begin), abs=0.003 * speed)
+    assert np.abs(column(steps, "energy", "defect")).max() < 1e-13
+    if WORLD.size > 1:
+        alone = run(scene, SELF, shared_tmp / f"alone{WORLD.rank}")
+        assert column(alone, "energy", "supports") == pytest.approx(column(steps, "energy", "supports"), rel=1e-9)
+
+
+def test_the_velocity_of_a_support(shared_tmp):
+    """That of its amplitude on both sides of a corner; of a smooth motion up to an error of the second order."""
+    for end, speed in ((0.4, 0.01 / 0.3), (0.6, 0.0)):
+        scene = pulled(shared_tmp, 4, 0.01, [(0, 0), (0.2, 0), (0.5, 1)], end, 30, integrator="trapezoidal")
+        assert end_velocity(scene)[:, 0] == pytest.approx(speed, abs=1e-12)
+    errors = []
+    for count in (20, 40):
+        scene = pulled(shared_tmp, 4, "0.01*sin(3*t + 1)", None, 0.9, count, integrator="trapezoidal")
+        errors.append(np.abs(end_velocity(scene)[:, 0] - 0.03 * np.cos(3 * 0.9 + 1.0)).max())
+    assert 0.0 < errors[1] < errors[0] / 3.9 < 1e-4

@@ -25,8 +25,8 @@ from pcontact.scene.model import (
     Steps,
 )
 from pcontact.simulation import Simulation
-from tests.support.dynamics import FALL, HEIGHT, bar, collision, make
-from tests.support.restarts import STOP, Keep, run
+from tests.support.dynamics import FALL, HEIGHT, bar, collision, make, pulled
+from tests.support.restarts import STOP, Keep, KeepAll, run
 
 WORLD, SELF = MPI.COMM_WORLD, MPI.COMM_SELF
 parallel = pytest.mark.parallel
@@ -55,6 +55,37 @@ def test_a_restart_goes_on_as_the_run_would(shared_tmp, integrator):
     if WORLD.size > 1:
         alone = run(scene, SELF, shared_tmp / f"alone{WORLD.rank}", restart=dead)
         assert energies(alone) == pytest.approx(energies(full[STOP:]), abs=1e-8)
+
+
+@parallel(1, 3)
+@pytest.mark.usefixtures("one_order")
+def test_a_restart_at_and_beside_a_corner(shared_tmp):
+    """The motion of a support has one at the end of the fourth load step: the impulse comes after the checkpoint."""
+    scene = pulled(shared_tmp, 8, 0.01, [(0, 0), (0.2, 0), (0.5, 1)], 0.5, 10)
+    scene.output = Output(fields=False, checkpoint=True)
+    out = shared_tmp / "out"
+    full = run(scene, WORLD, out, [KeepAll(out, shared_tmp, WORLD)])
+    assert full[3]["time"] == 0.2 and full[3]["energy"]["supports"] == 0.0 < full[4]["energy"]["supports"]
+    for done in (3, 4, 5):
+        again = run(scene, WORLD, shared_tmp / f"again{done}", restart=shared_tmp / str(done))
+        for a, b in zip(full[done:], again, strict=True):
+            assert a["energy"] == b["energy"] and a["inertia"] == b["inertia"] and a["reactions"] == b["reactions"]
+
+
+def test_a_support_goes_on_in_the_next_phase(shared_tmp):
+    """It stretches a rod that has no inertia yet, and moves on when it has; then it stands still."""
+    scene = pulled(shared_tmp, 20, 0.02, [(0, 0), (1, 0.5), (1.4, 1)], integrator="trapezoidal")
+    scene.dynamics.phases = ["pull", "after"]
+    scene.displacements += [Displacement("right", [0.0, "free"])]
+    scene.phases = [Phase("stretch", 1.0, 2), Phase("pull", 0.4, 32), Phase("after", 0.4, 32)]
+    scene.steps = Steps()
+    steps = run(scene, SELF, shared_tmp / "out")
+    time, force = (np.array(column) for column in zip(*((one["time"], one["reactions"]["left"][0]) for one in steps),
+                                                      strict=True))  # fmt: skip
+    speed = 0.01 / 0.4
+    assert force[(time > 1.1) & (time < 1.4)] == pytest.approx(0.01 + speed, rel=0.05)
+    assert force[(time > 1.5) & (time < 1.8)] == pytest.approx(0.02 - 0.01, abs=0.05 * speed)
+    assert max(abs(step["energy"]["defect"]) for step in steps) < 1e-12
 
 
 def test_a_checkpoint_is_of_its_integrator(shared_tmp):

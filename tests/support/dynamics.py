@@ -85,3 +85,15 @@ def slider(folder, velocity, friction, gravity, count, end):
         loads=[Load("block", acceleration=[0.0, -gravity])], phases=[Phase("rest"), Phase("slide", end, count)],
         output=Output(fields=False, probes=["bottom"]), dynamics=Dynamics(phases=["slide"]),
     )  # fmt: skip
+
+
+def pulled(folder, n, value, amplitude=None, end=0.9, count=72, **dynamics):
+    """A rod of length, wave speed and density 1 whose left end a support moves: until waves come back from its other
+    end the support exerts the force v of a velocity v."""
+    path = make(one_block, folder / f"pulled{n}.msh", 2, (n, 1))
+    supports = [Displacement(side, ["free", 0.0]) for side in ("bottom", "top")]
+    supports.append(Displacement("left", [value, "free"], amplitude))
+    return Scene(
+        MeshSpec(path), {"m": Material(1.0, 0.0, density=1.0)}, [Body("block", "m")], displacements=supports,
+        steps=Steps(end, count), output=Output(fields=False), dynamics=Dynamics(**dynamics),
+    )  # fmt: skip
