@@ -31,9 +31,6 @@ REACH = 2.0
 # taken to be known; the same of the second mesh, before there is one. From: Hertz's cylinder and ball, receding
 # contact: 0.81 to 0.85; where it is less there are singular points, and one more mesh tells them.
 TRUST = 0.8
-# [-] Error of the next mesh over that of one which has reached the target of a quantity, and which no other mesh has
-# been compared with. From: chosen, as much as the change between them has to tell.
-CONFIRMED = 0.5
 # [-] Error of the energy norm that says nothing but that the mesh is too coarse to tell one: no displacement at all has
 # it; and growth of the cells, and of the load steps, then, at most. From: a ball pressed into metal, of whose first
 # mesh three facets touch it.
@@ -89,7 +86,7 @@ class Decision:
         goal = self._settings.goal
         self.aim = goal if self._target.best else self.aim
         self._reached = done.error <= goal
-        if self._reached and (len(self._passes) > 1 or self._target.quantity in ("energy", "pressure")):
+        if self._reached and done.confirmed:
             return self._spent("")
         # first: what is wanted depends on what the mesh tells of singular points
         space, known = simulation.problem.space, self._alike() > 1
@@ -103,9 +100,6 @@ class Decision:
         stays = self._look_at_what_stays(done)
         if stays and done.error <= self.aim:
             return self._spent(stays)
-        if self._reached:
-            # a dual problem on one mesh alone may miss what it is too coarse for: the next mesh tells
-            self.aim = CONFIRMED * done.error
         far = cost_of(self._passes, self.aim)["unknowns"]
         if not self._budget.given and self._alike() > PATIENCE and far > FARTHEST * done.unknowns:
             return self._spent(f"at the rate seen it would take {far:.2g} unknowns")

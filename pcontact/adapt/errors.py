@@ -47,6 +47,7 @@ class Measures:
             squares = [share * one.squares for share, one in zip(shares, watches, strict=True)]
             watch.squares, watch.energies, watch.pressure = np.max(squares, axis=0), own.energies, own.pressure
             done.each, done.trials = found, sum(one.trials for one in found)
+            done.confirmed = all(one.confirmed for one in found)
         return done
 
     @property
@@ -93,7 +94,7 @@ class Measure:
         pcontact.adapt.passes.Pass
         """
         space, mesh, comm = simulation.problem.space, simulation.mesh, simulation.comm
-        norm = watch.norm if watch.norm > 0.0 else 1.0
+        norm, confirmed = watch.norm if watch.norm > 0.0 else 1.0, True
         estimate, size, found, likely, part = watch.absolute / norm, norm, None, 0.0, 1.0
         beside = {"algebraic": watch.algebraic / norm}
         loads, forces = simulation.error_estimate.of_loads(watch.time, 0.5 * NOTICED * self._settings.goal * norm)
@@ -112,13 +113,16 @@ class Measure:
             watch.squares = self._indicators(simulation, watch, found)
             if self._target.quantity != "pressure":
                 beside = {"algebraic": abs(found.algebraic) / size, "loads": abs(found.loads) / size}
+                # either estimate may be as much of the error as that of the quantity, in its norm
+                sure = found.bound <= known.least**2 * self._settings.goal * size and not simulation.scene.plastic
+                confirmed = sure or bool(self._passes)
         times = simulation.times()
         done = Pass(
             unknowns=space.n_dofs, cells=mesh.n_cells_total, degree=space.degree, estimate=estimate, known=known,
             parts={"mesh": estimate / known.least, **beside}, steps=self._settings.steps,
             seconds=seconds, solve=times["solve"], memory=times["peak_memory_mb"] * 2.0**20,
             entries=simulation.problem.matrix.matrix.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"],
-            part=part, of=self._target.of,
+            part=part, of=self._target.of, confirmed=confirmed,
         )  # fmt: skip
         self._add_loads(comm, watch, forces, done.parts)
         if self._effectivity.unforeseen:

@@ -117,6 +117,9 @@ class Pass:
         What it is the error of: where several are named, that with the largest one.
     each : list of Pass
         The same of each of several; empty: of one.
+    confirmed : bool
+        Whether the error would be below the target, too, if cells had what they have in a quantity with one sign, or
+        another mesh has told it: a dual problem on one mesh alone may miss what that is too coarse for.
     """
 
     unknowns: int
@@ -138,6 +141,7 @@ class Pass:
     part: float = 1.0
     of: str = "energy"
     each: list = field(default_factory=list)
+    confirmed: bool = True
 
     @property
     def power(self):

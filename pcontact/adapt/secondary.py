@@ -3,8 +3,8 @@
 Load steps, searches within them, quadrature of contacts and, where the geometry is known, facets are refined together,
 beside the run without; the difference is the part of the error that is not of the mesh. Where it is more than a third
 of the target each setting is tried alone. It is measured on the first mesh after which the next one may be the last,
-and again on one with many more cells, or as long as it is large: nothing follows it from one mesh to another but the
-law that errors of load steps fall with their number.
+and again as long as it is large: nothing follows it from one mesh to another but the law that errors of load steps fall
+with their number.
 
 Facets of the first mesh, which finer ones keep, are a part of their own: it is measured once, on that mesh. Where they
 are straight, on the outer surface of all bodies. Nodes of finer meshes lie on the facets of the first one: what these
@@ -25,7 +25,7 @@ import numpy as np
 from pcontact import build
 from pcontact.adapt.history import Beginning
 from pcontact.adapt.passes import said_of
-from pcontact.adapt.settings import PARTNER_RTOL, THIRD
+from pcontact.adapt.settings import NOTICED, PARTNER_RTOL, THIRD
 from pcontact.contact.surface.smooth_geometry import smooth_surface
 from pcontact.element.reference import CELLS, reference_nodes
 from pcontact.element.shape import shape_gradient
@@ -128,9 +128,8 @@ def at_places(space, u, places):
     return moved[space.owned_local].ravel()
 
 
-# [-] Unknowns over those of the mesh that has told them, up to which they are taken to be the same, and growth with
-# which the next mesh may be the last. From: the cells of the first meshes grow by as much, so that a mesh in the middle
-# tells them for less than the last one would.
+# [-] Growth of the unknowns with which the next mesh may be the last. From: the cells of the first meshes grow by as
+# much, so that a mesh in the middle tells them for less than the last one would.
 COARSER = 8.0
 # [-] Degrees that the quadrature of contact is raised by, and part of the tolerance of searches. From: chosen; what
 # they leave is far below what they change.
@@ -331,20 +330,13 @@ class Told(NamedTuple):
         Parts of the error, relative: by what brings them about, or all together as `ALL`.
     toward : float
         What finer settings change in a number, relative, with its sign.
-    unknowns, steps, degree : int
-        Of the pass.
+    steps : int
+        Load steps of the pass.
     """
 
     parts: dict
     toward: float
-    unknowns: int
     steps: int
-    degree: int
-
-    @classmethod
-    def by(cls, done, parts, toward=0.0):
-        """By a pass."""
-        return cls(parts, toward, done.unknowns, done.steps, done.degree)
 
 
 class Secondary:
@@ -390,8 +382,7 @@ class Secondary:
         # what is large is measured again: where it is all that misses the target, or much of what does
         own, goal = sum(done.parts.values()), self._settings.goal
         large = THIRD * own if own > goal else max(THIRD * goal, goal - own)
-        large = told is not None and sum(self._now(told, done).values()) > large
-        new = told is None or large or done.degree != told.degree or done.unknowns > COARSER * told.unknowns
+        new = told is None or sum(self._now(told, done).values()) > large
         if new and (last or self._near(simulation, done)):
             told = self._told = self._measured(simulation, watch, done, size)
         if self._facets is None:
@@ -441,10 +432,11 @@ class Secondary:
         """What the mesh of a pass tells. *Collective.*"""
         variants = {} if simulation.problem.linear else self._variants(simulation)
         if not variants:
-            return Told.by(done, {})
+            return Told({}, 0.0, done.steps)
         simulation.close()
         scene, degree = self._settings.scene(), simulation.problem.space.degree
         scene.output.estimate = scene.output.checkpoint = False
+        scene.petsc["snes_rtol"] = f"{NOTICED * self._settings.goal:.3g}"
 
         def change(*names):
             other = scene
@@ -463,7 +455,7 @@ class Secondary:
         moved = change(*variants)
         if abs(moved) <= THIRD * self._settings.goal or len(variants) == 1 and np.isfinite(moved):
             name = ALL if len(variants) > 1 else next(iter(variants))
-            return Told.by(done, {name: abs(moved)}, moved)
+            return Told({name: abs(moved)}, moved, done.steps)
         parts, toward = {}, 0.0
         for name in variants:
             alone = change(name)
@@ -471,7 +463,7 @@ class Secondary:
                 log.warning("not known: how much of the error is that of %s", said_of(name))
                 continue
             parts[name], toward = abs(alone), toward + alone
-        return Told.by(done, parts, toward)
+        return Told(parts, toward, done.steps)
 
     def _of_facets(self, simulation, watch, done, size):
         """The part of facets that all meshes keep, by its name. *Collective.*"""

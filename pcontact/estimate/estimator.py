@@ -232,8 +232,8 @@ class Estimator:
 
         Returns
         -------
-        list of ndarray (nc,)
-            Of the cells of each block [energy].
+        list of ndarray (nc, 2)
+            Of the cells of each block, and the squared energy norm of the dual displacement's own error [energy].
         """
         own = [*self._loads, *holding[0]]
         nodal, tested = self._tested_before(u, time, own)
@@ -246,12 +246,12 @@ class Estimator:
         for contact in self._contacts:
             of = shifted if contact.name == goal.contact else z
             self._exerted.add_dual(contact, u, of, zero, against, rules)
-        return [self._solve(number, nodal, time, t, own, Dual(other, against[number], loads))[:, 0]
+        return [self._solve(number, nodal, time, t, own, Dual(other, against[number], loads))[:, :2]
                 for number, t in enumerate(tested)]  # fmt: skip
 
     def _solve(self, number, nodal, time, tested, own_loads, weight=None):
         """Squared energies (nc, n_parts + 1) of a block's local problems; or, with a :class:`Dual` as weight, their
-        energy products (nc, 1) with its local problems."""
+        energy products with its local problems, and energies of these."""
         space, block, interiors = self.space, self.space.mesh.blocks[number], self._interiors
         out, tables = np.zeros((len(block.nodes), len(PARTS) + 1)), interiors.tables(number)
         for rows, volume in interiors.chunks(number, tables):
@@ -267,8 +267,8 @@ class Estimator:
             stress = BlockStress(space, self._elastic, number, rows, weight.nodal)
             others = weight.tested[rows].sum(axis=1)
             others += interiors.residual(number, rows, volume, tables, stress, time, weight.loads)
-            products(functions, moduli, softer, bound, loads.sum(axis=1), others, volume.fixed, out[rows, 0])
-        return out if weight is None else out[:, :1]
+            products(functions, moduli, softer, bound, loads.sum(axis=1), others, volume.fixed, out[rows])
+        return out
 
     @property
     def _elastic(self):

@@ -216,6 +216,9 @@ class GoalError(NamedTuple):
         What the cells of each block have in it, with signs.
     loads, algebraic : float
         J(u) - J(u_h), as far as the quadrature of loads and the solver have.
+    bound : float
+        The product of the estimates of both displacements in the energy norm: contributions of cells may cancel by
+        chance, or lie far from where the other displacement has its error, and this does not.
     """
 
     value: float
@@ -223,6 +226,7 @@ class GoalError(NamedTuple):
     cells: list
     loads: float = 0.0
     algebraic: float = 0.0
+    bound: float = np.inf
 
 
 def place_of(target, record):

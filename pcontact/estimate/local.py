@@ -249,7 +249,7 @@ def stiffnesses(functions, moduli, out):
 
 @njit
 def products(functions, moduli, softening, bound, loads, others, fixed, out):
-    """Energy products of the solutions of two local problems on every cell.
+    """Energy products of the solutions of two local problems on every cell, and energies of the second one.
 
     Parameters
     ----------
@@ -257,7 +257,7 @@ def products(functions, moduli, softening, bound, loads, others, fixed, out):
         As for :func:`energies`.
     loads, others : ndarray (nc, nb, d)
         Their right-hand sides [force].
-    out : ndarray (nc,)
+    out : ndarray (nc, 2)
         Output [energy].
     """
     nc, nb, d = loads.shape
@@ -276,10 +276,10 @@ def products(functions, moduli, softening, bound, loads, others, fixed, out):
                 first[a * d + i], second[a * d + i] = free * loads[c, a, i], free * others[c, a, i]
         _forward(matrix, first)
         _forward(matrix, second)
-        total = 0.0
+        out[c] = 0.0
         for i in range(n):
-            total += first[i] * second[i]
-        out[c] = total
+            out[c, 0] += first[i] * second[i]
+            out[c, 1] += second[i] ** 2
 
 
 @njit

@@ -148,7 +148,8 @@ class ErrorEstimate(Observer):
             problem.tangent(u, tuple(closing.get(item, LAW) for item in problem.others))
         z.setArray(goal.dual(problem, found, self._newton.last_preconditioner()).ravel())
         holding = held(problem, unbalanced), self._held(u, z, found, closing)
-        cells = [found.sign * own for own in self._estimator.weighted(u, time, z, found, holding, closing)]
+        known = self._estimator.weighted(u, time, z, found, holding, closing)
+        cells = [found.sign * own[:, 0] for own in known]
         if closing:
             # what settings change is asked of the tangent at the solution
             problem.tangent(u)
@@ -157,9 +158,11 @@ class ErrorEstimate(Observer):
         left = problem.space.vector()
         problem.as_residual(unbalanced.copy(), left)
         work = [sum(own.sum() for own in cells), 0.0 if forces is None else found.sign * np.vdot(dual, forces),
-                -found.sign * np.vdot(dual, left.getArray(readonly=True).reshape(dual.shape))]  # fmt: skip
-        error, loads, algebraic = problem.space.comm.allreduce(np.array(work, dtype=float), op=MPI.SUM).tolist()
-        return goal.GoalError(found.value, error, cells, loads, algebraic)
+                -found.sign * np.vdot(dual, left.getArray(readonly=True).reshape(dual.shape)),
+                sum(own[:, 1].sum() for own in known)]  # fmt: skip
+        *work, square = problem.space.comm.allreduce(np.array(work, dtype=float), op=MPI.SUM).tolist()
+        error, loads, algebraic = work
+        return goal.GoalError(found.value, error, cells, loads, algebraic, self.last["absolute"] * square**0.5)
 
     def _held(self, u, z, found, closing):
         """Return what holds groups that move on average in a dual displacement. *Collective.*"""
