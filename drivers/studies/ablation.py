@@ -2,7 +2,7 @@
 
 Loops of `LOOPS`, scenes of `random_errors.py` in the plane with 5 %, are run with every number of ``pcontact/adapt``
 and ``pcontact/estimate`` as it is, over 1.5 and times 1.5. A number is one that a module has in capital letters; tables
-and words are left out, and modules that act in space alone. A row has the largest factor between the unknowns of the
+and words are left out, what is made of other numbers, and modules that act in space alone. A row has the largest factor between the unknowns of the
 last meshes and those with the number as it is, the same of the errors named, and the passes and seconds of the
 processor of all loops together.
 
@@ -11,6 +11,7 @@ Rows are kept in ``rows.jsonl`` of the folder as they come: a run goes on where 
     python drivers/studies/ablation.py -o DIR
 """
 
+import re
 import time as clock
 from dataclasses import replace
 from functools import partial
@@ -60,8 +61,9 @@ def numbers():
         if module.__name__ in NOT_TRIED:
             continue
         text = Path(module.__file__).read_text(encoding="utf-8")
+        lines = [line.partition(" = ") for line in text.splitlines() if line[:1].isupper() and " = " in line]
         for name, value in sorted(vars(module).items()):
-            own = any(line.partition(" = ")[0].find(name) >= 0 and line[:1].isupper() for line in text.splitlines())
+            own = any(name in left.split(", ") and not re.search("[A-Z]{3}", right) for left, _, right in lines)
             if name.isupper() and type(value) in (int, float) and own and name not in NO_NUMBERS:
                 yield module, name, value
 

@@ -7,20 +7,18 @@ import numpy as np
 from pcontact.adapt.budget import MOST, Aims, Budgeted, forecast
 from pcontact.adapt.mark import MEASURED, degrees, of_parts, parts_of
 from pcontact.adapt.passes import cost_of, said_of
-from pcontact.adapt.settings import AIM, FACETS, MORE_STEPS, NOTICED, SHARE, THIRD
+from pcontact.adapt.settings import AIM, FACETS, NOTICED, SHARE, THIRD
 from pcontact.runtime import log
 
 REACHED, FAILED, SPENT = 0, 1, 4
 # [passes] After which a mesh must have brought something. From: each at least doubles the cells or is the last one.
 PATIENCE = 3
-# [-] Part of a budget that a mesh has to fill, where it is the limit, and the part that is aimed at. From: chosen; the
-# error falls with the root of the unknowns, or faster.
-FULL, FILLED = 0.85, 0.95
+# [-] Part of a budget that a mesh has to fill, where it is the limit; its root is aimed at. From: chosen; the error
+# falls with the root of the unknowns, or faster.
+FULL = 0.85
 # [-] Unknowns that the target would take over those of now, with which it is out of reach. From: chosen, more than two
 # more passes.
 FARTHEST = 1e4
-# [-] Part by which the error must have fallen where the cells have grown by the other. From: chosen.
-FALLEN, GROWN = 0.97, 1.3
 # [-] Power of a pressure from which on its square has no integral in the plane, as far as meshes tell it: 0.02 more.
 # From: a punch that is a hundred times as stiff as the block, -0.50.
 NO_SQUARE = -0.48
@@ -31,10 +29,6 @@ REACH = 2.0
 # taken to be known; the same of the second mesh, before there is one. From: Hertz's cylinder and ball, receding
 # contact: 0.81 to 0.85; where it is less there are singular points, and one more mesh tells them.
 TRUST = 0.8
-# [-] Error of the energy norm that says nothing but that the mesh is too coarse to tell one: no displacement at all has
-# it; and growth of the cells, and of the load steps, then, at most. From: a ball pressed into metal, of whose first
-# mesh three facets touch it.
-NOTHING, LOOK = 1.0, 2.0
 
 
 class Decision:
@@ -104,7 +98,7 @@ class Decision:
         if not self._budget.given and self._alike() > PATIENCE and far > FARTHEST * done.unknowns:
             return self._spent(f"at the rate seen it would take {far:.2g} unknowns")
         self.most = self._budget.most(self._passes, clock.perf_counter() - self._start)
-        if self.most < GROWN:
+        if FULL * self.most < 1.0:
             return self.spent(), None
         self._asked = most = self._budget.of_cells(self.most)
         known = known and (self._refining.whole or self._trust(done) > TRUST or self._refining.corners.explain)
@@ -122,7 +116,7 @@ class Decision:
         # a mesh of fewer cells may be the better one: where these are finer than needed they become larger
         if step.cuts.part >= 1.0:
             return self.spent(), None
-        self._settings.balance(done, self.aim, LOOK if self.tells_nothing(done) else MORE_STEPS)
+        self._settings.balance(done, self.aim)
         done.next = self.expected(done, step)
         return None, (plan, step)
 
@@ -143,7 +137,6 @@ class Decision:
 
     def _step(self, space, watch, seen, done, most, known):
         """How the cells are cut that are not divided. *Collective.*"""
-        most = min(most, LOOK) if self.tells_nothing(done) else most
         return self._refining.step(space, watch.squares, seen, self.wanted(done), most, known)
 
     def _divides(self, simulation, watch, done, step):
@@ -193,7 +186,7 @@ class Decision:
         fits, limited = grown <= most, step.cuts.growth > FULL * self._asked and step.cuts.part > self.wanted(done)
         if fits and not (limited and grown < FULL * most):
             return True, None
-        self._asked = FILLED * self._budget.of_cells(most)
+        self._asked = FULL**0.5 * self._budget.of_cells(most)
         return fits, self._asked
 
     def wanted(self, done, trust=None, more=1.0, aim=AIM):
@@ -259,7 +252,7 @@ class Decision:
 
     def tells_nothing(self, done):
         """Whether the error that a pass names is as large as that of no displacement at all."""
-        return done.of == "energy" and done.parts["mesh"] >= NOTHING
+        return done.of == "energy" and done.parts["mesh"] >= 1.0
 
     def _same_bodies(self):
         """Whether the estimates of the last two meshes may be compared: facets that have come onto the geometry since
@@ -281,7 +274,7 @@ class Decision:
         same = old.steps == new.steps and old.degree == new.degree
         # points that have just been found explain why the last mesh was not the one it should have been
         same &= not self._refining.corners.explain
-        return same and new.unknowns > GROWN * old.unknowns and new.error > FALLEN * old.error
+        return same and new.unknowns > old.unknowns and new.error >= old.error
 
 
 def _said_of_wall(wall):

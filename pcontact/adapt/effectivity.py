@@ -25,11 +25,9 @@ from pcontact.runtime.petsc import MPI
 # [-] Estimates over each other that count at most, and the part that counts at least. From: the difference of two that
 # hardly differ says nothing.
 ALIKE, LEAST = 0.8, 0.25
-# [-] Part of the squared change that load steps may have, above which it says nothing of meshes. From: chosen; a ball
-# pressed into metal, 160 load steps on one mesh and 406 on the next.
-STEPS = 0.5
-# [-] Part of the change of a quantity by which the one that dual problems have foretold may be off. From: chosen, half:
-# then the estimates are right to a factor of two.
+# [-] Part of the change of a quantity by which the one that dual problems have foretold may be off, and of the squared
+# change of the displacement that load steps may have. From: chosen, half: then the estimates are right to a factor of
+# two.
 AGREE = 0.5
 # [-] Safety factors: least and largest effectivity, by the dimension and degree, of meshes that none has been compared
 # with; of those that have been, after it; of a pressure in L2, and of quantities by dual problems. From: 5 and 95 % of
@@ -93,7 +91,7 @@ def between(simulation, before, coarse, steps=0.0):
         Errors of the load steps of both, where these are others [sqrt(energy)].
     """
     size = simulation.error_estimate.norm(beyond(simulation, before.ravel()))
-    if steps**2 > STEPS * size**2:
+    if steps**2 > AGREE * size**2:
         return None, size
     change = float(np.sqrt(size**2 - steps**2))
     return part_of(coarse, simulation.error_estimate.over_steps, change), change

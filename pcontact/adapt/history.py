@@ -8,9 +8,9 @@ from pcontact.element.reference import reference_nodes
 from pcontact.element.shape import shape
 from pcontact.runtime.observer import Observer
 
-# [load steps] Whose displacements are kept for the next mesh, at least, and [bytes] what a rank keeps of more of them.
-# From: chosen; a ball pressed into metal at 5 % has 167 load steps of 11,020 unknowns, 15 MB.
-KEPT, ROOM = 24, 2**26
+# [bytes] What a rank keeps of the displacements of load steps for the next mesh. From: chosen; a ball pressed into metal
+# at 5 % has 167 load steps of 11,020 unknowns, 15 MB.
+ROOM = 2**26
 # [-] Part of the time by which two ends of load steps may differ. From: rounding.
 SAME_TIME = 1e-9
 
@@ -64,7 +64,7 @@ class Path(Observer):
         self.alone = []
         # the same on every rank
         space = simulation.problem.space
-        self._most = max(KEPT, ROOM * space.comm.size // (8 * space.n_dofs))
+        self._most = max(ROOM * space.comm.size // (8 * space.n_dofs), 1)
 
     @property
     def known(self):

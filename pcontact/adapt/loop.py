@@ -17,7 +17,7 @@ from pcontact.adapt.history import Beginning, Watch
 from pcontact.adapt.passes import ended, line, report, said_of
 from pcontact.adapt.refining import Refining
 from pcontact.adapt.secondary import ALL
-from pcontact.adapt.settings import Settings
+from pcontact.adapt.settings import ALONE, Settings
 from pcontact.mesh.hdf5 import write
 from pcontact.mesh.refinement.gather import gathered
 from pcontact.runtime import log, profile
@@ -34,9 +34,6 @@ from pcontact.simulation import Simulation
 from pcontact.view import extra
 from pcontact.view.show import draw_errors
 
-# [passes] Before a forecast; the second one is left out where it would have more unknowns than that. From: one pass
-# does not tell which of its seconds more unknowns take.
-TRIED, SMALL = 2, 50_000
 # [meshes] That are made at most to find the one that fills the budget. From: chosen; a mesh takes little beside a run.
 FITTED = 5
 
@@ -292,10 +289,11 @@ class Loop:
         return finer.mesh, known, None
 
     def _look_ahead(self, simulation, watch, done, step):
-        """`SPENT` and a forecast where it has enough passes to stand on. *Collective.*"""
+        """`SPENT` and a forecast where it has two passes to stand on, or the second is not small. *Collective.*"""
         growing = [one for one in self.passes if one.degree == done.degree]
         _, first = step
-        more = len(growing) < TRIED and first.cuts.growth * done.unknowns < SMALL
+        # one pass does not tell which of its seconds more unknowns take
+        more = len(growing) < 2 and first.cuts.growth * done.unknowns < ALONE
         if self._settings.degree.is_open or more:
             return None
         self.ahead = self._decision.forecast(simulation.problem.space, growing, watch.squares, first)

@@ -24,6 +24,7 @@ import numpy as np
 
 from pcontact import build
 from pcontact.adapt.history import Beginning
+from pcontact.adapt.mark import LEAP
 from pcontact.adapt.passes import said_of
 from pcontact.adapt.settings import NOTICED, PARTNER_RTOL, THIRD
 from pcontact.contact.surface.smooth_geometry import smooth_surface
@@ -128,14 +129,8 @@ def at_places(space, u, places):
     return moved[space.owned_local].ravel()
 
 
-# [-] Growth of the unknowns with which the next mesh may be the last. From: the cells of the first meshes grow by as
-# much, so that a mesh in the middle tells them for less than the last one would.
-COARSER = 8.0
-# [-] Degrees that the quadrature of contact is raised by, and part of the tolerance of searches. From: chosen; what
-# they leave is far below what they change.
-HIGHER, SEARCHED = 4, 0.01
-# [-] Load steps over those of the pass from which on a change tells their error. From: chosen.
-AGAIN = 1.5
+# [-] Degrees that the quadrature of contact is raised by. From: chosen; what they leave is far below what they change.
+HIGHER = 4
 # [-] Power of their number that errors of load steps are named with: that without regularity in time, the least.
 # From: Han and Reddy, Plasticity, 12.2: 1/2, and 1 with it; 4 to 64 load steps of sheared blocks have 0.7.
 STEPS_RATE = 0.5
@@ -190,7 +185,7 @@ def finer_quadrature(scene, degree):
 
 def searching(scene, _):
     """The scene whose contacts look for partners in each load step until they stay."""
-    return replace(scene, petsc={**scene.petsc, PARTNER_RTOL: f"{SEARCHED * float(scene.petsc[PARTNER_RTOL]):.3g}"})
+    return replace(scene, petsc={**scene.petsc, PARTNER_RTOL: f"{NOTICED * float(scene.petsc[PARTNER_RTOL]):.3g}"})
 
 
 class Answer(NamedTuple):
@@ -395,13 +390,13 @@ class Secondary:
         return parts | self._facets, scale * told.toward
 
     def _near(self, simulation, done):
-        """Whether the next mesh may be the last one; or curved facets, which the first mesh tells alone, may rub
+        """Whether the next mesh may be the last one, as those of the first passes grow; or curved facets, which the first mesh tells alone, may rub
         otherwise with few load steps."""
         if self._facets is None and self._settings.staying and simulation.mesh.curved and simulation.scene.remembers:
             return True
         power = done.degree * (2 if self._target.numbers else 1) / simulation.mesh.dim
-        near = self._target.best or done.unknowns * COARSER > (self._target.budget.unknowns or np.inf)
-        return near or done.parts["mesh"] <= COARSER**power * self._settings.goal
+        near = self._target.best or done.unknowns * LEAP > (self._target.budget.unknowns or np.inf)
+        return near or done.parts["mesh"] <= LEAP**power * self._settings.goal
 
     def of_steps(self, count):
         """The error that so many load steps leave on the last mesh that has told it, relative."""
@@ -450,7 +445,7 @@ class Secondary:
                 return moved
             # of errors that fall with the number of load steps, what the pass has left
             times = found.number / simulation.stepper.number
-            return moved / (1.0 - times**-STEPS_RATE) if times >= AGAIN else moved
+            return moved / (1.0 - times**-STEPS_RATE) if times > 1.0 else moved
 
         moved = change(*variants)
         if abs(moved) <= THIRD * self._settings.goal or len(variants) == 1 and np.isfinite(moved):

@@ -21,23 +21,23 @@ AIM = 0.85
 THIRD = 1.0 / 3.0
 # parts of the error that finer meshes take away, and those that are due to the shape of facets
 FALLING, FACETS = ("mesh", "quadrature", "loads", "frozen_partners"), ("straight_facets", "curved_facets")
-# [-] Tolerances of Newton's method where norms are named, and the least one, where numbers are, whose changes are
-# products of two of them. What is left depends on how many ranks there are, whose preconditioners differ, and so do
+# [-] Tolerance of Newton's method where norms are named; the least one, `NOTICED` times as much, has what are numbers,
+# whose changes are products of two of them. What is left depends on how many ranks there are, whose preconditioners differ, and so do
 # the squares of cells, and the next mesh. From: Hertz's cylinder and rings, whose squares differ by 1e-4 with 1e-4
 # and by 1e-8 with 1e-8; the force of a wound laminate, of which facets change a part that differs by 1e-4 with 1e-8.
 # With 1e-8 instead of 1e-3 loops take 1.0 to 1.4 times as long. To take it only where another pass is expected, and
 # to go on to it where the last one misses, costs more: a third of the last passes miss.
-RTOL, LEAST_RTOL = 1e-8, 1e-10
+RTOL = 1e-8
 # Options of the linear solves of Newton's method [-], where partners are searched in its iterations, or bodies rub.
 # From: with looser ones normals under a punch differ by 1e-4 between one rank and two, and one of four numbers of ranks
 # takes a lug that closes on its pin to other points that stick: there is more than one solution, and what the solves
 # leave decides which. Iterates differ from the fourth one on with 1e-3, on one of four with 1e-5, on none with 1e-7.
-FORCING, FORCED = ("snes_ksp_ew_rtol0", "snes_ksp_ew_rtolmax"), 1e-8
-# The option that says which part of the contact forces frozen partners may change, and its value in parts of the target
-# [-]. From: chosen, a tenth of what other errors may have.
-PARTNER_RTOL, PARTNERS = "contact_partner_rtol", 0.01
-# [-] Part of the target below which what is only known roughly is taken for nothing where meshes are chosen. From: it
-# is less than the margin that they are made with.
+# Here they are the tolerance of Newton's method.
+FORCING = ("snes_ksp_ew_rtol0", "snes_ksp_ew_rtolmax")
+# The option that says which part of the contact forces frozen partners may change.
+PARTNER_RTOL = "contact_partner_rtol"
+# [-] Part of the target below which what is only known roughly is taken for nothing where meshes are chosen, and that
+# frozen partners may have. From: it is less than the margin that meshes are made with.
 NOTICED = 0.01
 # [unknowns] Below which meshes of the plane are factorised where bodies yield or rub, on any number of ranks. From: all
 # for which there are factors; a ball pressed into metal takes 0.6 times as long so on 12,776 unknowns, 0.7 times with
@@ -51,9 +51,9 @@ FACTORISED = MOST_UNKNOWNS[2]
 ALONE = 30_000
 # [load steps] Times as many at once at most. From: chosen.
 MORE_STEPS = 4
-# [-] The error that the first mesh is made for where it is to be the least one, and part of the error of a pass that
-# the next one is. From: chosen; cells of degree 2 in the plane are four times as many then.
-BEST_FIRST, BEST_PART = 0.05, 0.25
+# [-] Part of the error of a pass that the next one is made for, where it is to be the least one. From: chosen; cells of
+# degree 2 in the plane are four times as many then.
+BEST_PART = 0.25
 # [-] By dimension: entries of the tangent of degree 2 over those of degree 1 on the same simplices. From: nodes in the
 # middles of edges, 3 and 7 a vertex, and the mean number of neighbours of each.
 ENTRIES = {2: 6.6, 3: 15.0}
@@ -159,10 +159,10 @@ class Settings:
     def __init__(self, scene, target, options, ranks=1):
         self._scene, self._target, self._ranks = scene, target, ranks
         self.steps, self.searches = scene.steps.count, False
-        self.goal = target.error or BEST_FIRST
+        self.goal = target.error or BEST_PART**2
         # new nodes lie on the facets of the first mesh, unless the geometry is known
         self.falling, self.staying = (FALLING, FACETS) if scene.mesh.geometry is None else (FALLING + FACETS, ())
-        self._rtol = LEAST_RTOL if target.numbers else RTOL
+        self._rtol = NOTICED * RTOL if target.numbers else RTOL
         self.degree = Degree(options.get(key_options(MeshSpec)["order"], scene.mesh.order),
                              target.budget.unknowns or np.inf)  # fmt: skip
 
@@ -174,7 +174,7 @@ class Settings:
         scene.contacts = [replace(one, traction=one.traction or "source") for one in scene.contacts]
         scene.output.estimate, scene.steps.count, scene.mesh.order = True, self.steps, self.degree.now or 1
         # looser partners and tolerances than the mesh deserves are no place to save
-        partners = (0.1 if self.searches else 1.0) * PARTNERS * self.goal
+        partners = (SHARE if self.searches else 1.0) * NOTICED * self.goal
         ours = {"snes_rtol": f"{self._rtol:.3g}", PARTNER_RTOL: f"{partners:.3g}"}
         if self._scene.remembers:
             # what flows hardly changes its volume, and what rubs has iterates that hang on each solve: multigrid takes
@@ -184,7 +184,7 @@ class Settings:
             ours["pc_direct_below"] = str(ALONE)
         if self.searches or self._scene.frictional:
             # iterates are to be the same on any number of ranks
-            ours |= dict.fromkeys(FORCING, f"{FORCED:g}")
+            ours |= dict.fromkeys(FORCING, f"{RTOL:g}")
         scene.petsc = {**ours, **scene.petsc}
         return scene
 
@@ -213,7 +213,7 @@ class Settings:
         if self._target.best:
             self.goal = max(BEST_PART * done.error, SMALLEST)
 
-    def balance(self, done, aim, most=MORE_STEPS):
+    def balance(self, done, aim):
         """Spend on load steps, searches and tolerances where a pass says that they are large beside what is wanted.
 
         Load steps end at the corners of amplitudes: as many are planned as there is room for between these.
@@ -223,16 +223,14 @@ class Settings:
         done : pcontact.adapt.passes.Pass
         aim : float
             The error that the next mesh is made for.
-        most : float
-            Times as many load steps as now.
         """
         parts = {name: done.parts.get(name, 0.0) for name in ("load_steps", "frozen_partners", "quadrature")}
         if sum(parts.values()) > THIRD * aim:
             fair = THIRD * aim / len(parts)
             self.searches = self.searches or parts["frozen_partners"] > fair
             # errors fall with the number of load steps
-            steps = max(self.steps, int(np.ceil(self.steps * min(parts["load_steps"] / (AIM * fair), most))))
+            steps = max(self.steps, int(np.ceil(self.steps * min(parts["load_steps"] / (AIM * fair), MORE_STEPS))))
             self.steps = filled(self._scene.steps.end, steps, corners(self._scene)) if steps > self.steps else steps
         if done.parts["algebraic"] > SHARE * min(done.parts["mesh"], aim):
             wanted = SHARE * aim / done.parts["algebraic"]
-            self._rtol = max(self._rtol * min(wanted, 0.3), LEAST_RTOL)
+            self._rtol = max(self._rtol * min(wanted, 0.3), NOTICED * RTOL)

@@ -31,8 +31,6 @@ from pcontact.runtime.petsc import MPI
 # [-] Part of the squared estimate that cells around a vertex must have. From: chosen; with less all such vertices of a
 # mesh together change the estimate little, and there are at most 150.
 SHARE = 0.02
-# [-] Of the squared estimate, that a patch must bring. From: rounding.
-LEAST = 1e-6
 
 
 class Around(NamedTuple):
@@ -173,7 +171,7 @@ def _best(table):
     for vertex in np.argsort(-gain, kind="stable"):
         rows = range(first[vertex], first[vertex + 1])
         cells = set(table.cell[rows.start : rows.stop].tolist())
-        if gain[vertex] > LEAST * table.square.sum() and not cells & taken:
+        if gain[vertex] > 0.0 and not cells & taken:
             taken |= cells
             found += [(order[row], energy[row]) for row in rows]
     return found

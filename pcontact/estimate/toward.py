@@ -25,8 +25,8 @@ POWERS = (0.5, 1.0, 1.5)
 ANGULAR = 3
 # of functions on a cell: the one that is 1 at the vertex, then for each power those of t from side to side
 NUMBER = 1 + len(POWERS) * (ANGULAR + 1)
-# points of the rule in s and in t, and of that on sides in s: as many as straight cells need
-POINTS, SIDE_POINTS = {"triangle": (5, 4), "quadrilateral": (7, 6)}, 7
+# points of the rule in s and in t: as many as straight cells need
+POINTS = {"triangle": (5, 4), "quadrilateral": (7, 6)}
 
 
 def n_halves(cell):
@@ -88,7 +88,7 @@ def inside(cell, half):
 def side_rule(side):
     """The same in s alone, on a facet that is a side: points (n, 1) between -1 and 1, weights (n,), and the functions
     (n, NUMBER); not to be changed."""
-    root, weights = _gauss(SIDE_POINTS)
+    root, weights = _gauss(2 * ANGULAR + 1)
     s, zero = root**2, np.zeros_like(root)
     points = (2.0 * s - 1.0) * (1.0 if side == 0 else -1.0)
     values = toward(np.column_stack([s, zero] if side == 0 else [zero, s]))[0]

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pcontact.adapt.history import KEPT, ROOM, Beginning, Known, Path
+from pcontact.adapt.history import ROOM, Beginning, Known, Path
 
 
 def _begun(known, time=1.0):
@@ -59,7 +59,7 @@ def test_what_took_one_iteration():
     assert taken == {True: [True, True, True, False], False: [True, False, False, False]}
 
 
-@pytest.mark.parametrize("unknowns, steps, kept", [(100, 60, 60), (ROOM, KEPT, KEPT), (ROOM, KEPT + 1, 13)])
+@pytest.mark.parametrize("unknowns, steps, kept", [(100, 60, 60), (ROOM // 192, 24, 24), (ROOM // 192, 25, 13)])
 def test_load_steps_that_there_is_room_for(unknowns, steps, kept, monkeypatch):
     """All of them on small meshes; else every other one, and the last."""
     monkeypatch.setattr("pcontact.adapt.history.at_nodes", lambda space, u: u)
