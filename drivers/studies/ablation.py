@@ -2,9 +2,9 @@
 
 Loops of `LOOPS`, scenes of `random_errors.py` in the plane with 5 %, are run with every number of ``pcontact/adapt``
 and ``pcontact/estimate`` as it is, over 1.5 and times 1.5. A number is one that a module has in capital letters; tables
-and words are left out, what is made of other numbers, and modules that act in space alone. A row has the largest factor between the unknowns of the
-last meshes and those with the number as it is, the same of the errors named, and the passes and seconds of the
-processor of all loops together.
+and words are left out, what is made of other numbers, and modules that act in space alone. A row has the largest factor
+between the unknowns of the last meshes and those with the number as it is, the same of the errors named, and the passes
+and seconds of the processor of all loops together.
 
 Rows are kept in ``rows.jsonl`` of the folder as they come: a run goes on where an earlier one has ended.
 

@@ -8,8 +8,8 @@ from pcontact.element.reference import reference_nodes
 from pcontact.element.shape import shape
 from pcontact.runtime.observer import Observer
 
-# [bytes] What a rank keeps of the displacements of load steps for the next mesh. From: chosen; a ball pressed into metal
-# at 5 % has 167 load steps of 11,020 unknowns, 15 MB.
+# [bytes] What a rank keeps of the displacements of load steps for the next mesh. From: chosen; a ball pressed into
+# metal at 5 % has 167 load steps of 11,020 unknowns, 15 MB.
 ROOM = 2**26
 # [-] Part of the time by which two ends of load steps may differ. From: rounding.
 SAME_TIME = 1e-9

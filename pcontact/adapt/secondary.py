@@ -390,8 +390,8 @@ class Secondary:
         return parts | self._facets, scale * told.toward
 
     def _near(self, simulation, done):
-        """Whether the next mesh may be the last one, as those of the first passes grow; or curved facets, which the first mesh tells alone, may rub
-        otherwise with few load steps."""
+        """Whether the next mesh may be the last one, as those of the first passes grow; or curved facets, which the
+        first mesh tells alone, may rub otherwise with few load steps."""
         if self._facets is None and self._settings.staying and simulation.mesh.curved and simulation.scene.remembers:
             return True
         power = done.degree * (2 if self._target.numbers else 1) / simulation.mesh.dim

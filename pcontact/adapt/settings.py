@@ -22,11 +22,11 @@ THIRD = 1.0 / 3.0
 # parts of the error that finer meshes take away, and those that are due to the shape of facets
 FALLING, FACETS = ("mesh", "quadrature", "loads", "frozen_partners"), ("straight_facets", "curved_facets")
 # [-] Tolerance of Newton's method where norms are named; the least one, `NOTICED` times as much, has what are numbers,
-# whose changes are products of two of them. What is left depends on how many ranks there are, whose preconditioners differ, and so do
-# the squares of cells, and the next mesh. From: Hertz's cylinder and rings, whose squares differ by 1e-4 with 1e-4
-# and by 1e-8 with 1e-8; the force of a wound laminate, of which facets change a part that differs by 1e-4 with 1e-8.
-# With 1e-8 instead of 1e-3 loops take 1.0 to 1.4 times as long. To take it only where another pass is expected, and
-# to go on to it where the last one misses, costs more: a third of the last passes miss.
+# whose changes are products of two of them. What is left depends on how many ranks there are, whose preconditioners
+# differ, and so do the squares of cells, and the next mesh. From: Hertz's cylinder and rings, whose squares differ by
+# 1e-4 with 1e-4 and by 1e-8 with 1e-8; the force of a wound laminate, of which facets change a part that differs by
+# 1e-4 with 1e-8. With 1e-8 instead of 1e-3 loops take 1.0 to 1.4 times as long. To take it only where another pass is
+# expected, and to go on to it where the last one misses, costs more: a third of the last passes miss.
 RTOL = 1e-8
 # Options of the linear solves of Newton's method [-], where partners are searched in its iterations, or bodies rub.
 # From: with looser ones normals under a punch differ by 1e-4 between one rank and two, and one of four numbers of ranks

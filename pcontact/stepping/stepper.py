@@ -316,8 +316,9 @@ class Stepper:
         Normals and partners are frozen during a load step. Those of its beginning make forces wrong by an amount of the
         order of the step, those of its expected end by one of its square.
         """
-        pairs = self.problem.others
-        if not pairs or any(item.floats for item in pairs) or (self._last is None and expected is None):
+        # where bodies float it is only known where another run has told it
+        pairs, known = self.problem.others, self._stages.start is not None and expected is not None
+        if not pairs or not known and (any(item.floats for item in pairs) or self._last is None and expected is None):
             return None
         if expected is None:
             way = self._way(target)

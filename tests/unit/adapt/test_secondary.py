@@ -6,8 +6,9 @@ import pytest
 
 from drivers.studies._named_scenes import HELD_BACK
 from pcontact.adapt.history import Watch
+from pcontact.adapt.mark import LEAP
 from pcontact.adapt.passes import Pass
-from pcontact.adapt.secondary import ALL, COARSER, Secondary, Told, answers, change_to, more_steps
+from pcontact.adapt.secondary import ALL, Secondary, Told, answers, change_to, more_steps
 from pcontact.adapt.settings import Settings
 from pcontact.runtime.options import Options
 from pcontact.scene.target import Target
@@ -69,8 +70,8 @@ def test_it_is_measured_once_and_again_where_it_is_large(sheared, monkeypatch):
 
     monkeypatch.setattr(Secondary, "_measured", measure)
     # far from the target it is not measured at all; where the next mesh may be the last one it is
-    far = replace(done, unknowns=20 * done.unknowns, parts={"mesh": 1.01 * 0.5 * COARSER**0.5})
-    near = replace(far, parts={"mesh": 0.99 * 0.5 * COARSER**0.5})
+    far = replace(done, unknowns=20 * done.unknowns, parts={"mesh": 1.01 * 0.5 * LEAP**0.5})
+    near = replace(far, parts={"mesh": 0.99 * 0.5 * LEAP**0.5})
     for one, again in ((far, False), (near, True)):
         measured.clear()
         other = Secondary(Target(0.5), settings)
