@@ -22,8 +22,8 @@ AT_ONCE = 3
 # falls, and where the error cannot be had at once. From: whatever the target, the first meshes are the same then, and a
 # smaller target ends with no larger error; all passes together take a seventh more than the last one.
 LEAP = 2.0**AT_ONCE
-# [-] Growth of the cells from one pass to the next at least. From: scenes of seeds 20 to 30 at 5 %; with 1.5 more meshes
-# just miss their target, with 3 all loops together take a tenth longer.
+# [-] Growth of the cells from one pass to the next at least. From: scenes of seeds 20 to 30 at 5 %; with 1.5 more
+# meshes just miss their target, with 3 all loops together take a tenth longer.
 LEAST_GROWTH = 2.0
 # [-] Part of their squares by which cells that are alike differ. From: a mesh and its mirror image, whose squares
 # differ by what the solver leaves.
