@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pcontact.adapt.decide import SPENT, TRUST, Decision
+from pcontact.adapt.decide import REACHED, SPENT, TRUST, Decision
 from pcontact.adapt.effectivity import Range
 from pcontact.adapt.mark import Cuts
 from pcontact.adapt.passes import Pass
@@ -42,6 +42,20 @@ def asked(second, explain=False, parts=(1.0, 1.0), first=0.4, edges=None):
     status, _ = decision.next(simulation, SimpleNamespace(squares=np.ones(1)), passes[-1])
     assert status is None
     return refining
+
+
+@pytest.mark.parametrize("confirmed, status", [(True, REACHED), (False, None)])
+def test_a_target_that_cells_reach_as_they_cancel_takes_another_mesh(confirmed, status):
+    """The next mesh tells whether the dual problem of the first one has missed something."""
+    parts = {"mesh": 0.0195, "algebraic": 0.0}
+    done = Pass(100, 50, 2, 0.01, Range(0.4, 2.0, "", 2), parts, 0.0195, seconds=1.0, memory=1e8, quantity={},
+                of="force:face", confirmed=confirmed)  # fmt: skip
+    refining = Recorder(whole=False, corners=SimpleNamespace(explain=False, wall=None))
+    settings = SimpleNamespace(staying=(), falling=("mesh",), steps=1, goal=0.02, balance=lambda *_: None,
+                               follow=lambda _: None)  # fmt: skip
+    decision = Decision(Target(0.02, "force:face"), settings, [done], refining, MPI.COMM_SELF)
+    simulation = SimpleNamespace(problem=SimpleNamespace(space=SimpleNamespace(dim=2)))
+    assert decision.next(simulation, SimpleNamespace(squares=np.ones(1)), done)[0] == status
 
 
 def test_a_mesh_that_has_brought_much_less_than_expected_is_followed_by_a_trial():
