@@ -251,7 +251,7 @@ def oriented(scene, space, bulk):
         names = sorted(contact.surfaces)
         sides = [source_surface(space, name, bulk.constants, 1, bulk.orthotropic) for name in names]
         sizes, stiff = ([_typical(space, getattr(side, key)) for side in sides] for key in ("size", "trace"))
-        alone = (contact.formulation or "nitsche") == "nitsche" and not is_two_sided(space, bulk, contact)
+        alone = _is_alone(space, bulk, contact)
         corners = [not contact.tied and has_corner(space, name) for name in names]
         if all(corners) and contact.pressure_overclosure is None:
             log.info("contact %s: unbiased, both surfaces have corners, which points of the other one do not see",
@@ -260,7 +260,7 @@ def oriented(scene, space, bulk):
             continue
         if any(corners):
             first, why = corners[1], "has corners, which points of the other one do not see"
-        elif alone and contact.pressure_overclosure is None and max(stiff) > STIFFER * min(stiff):
+        elif alone and max(stiff) > STIFFER * min(stiff):
             first, why = stiff[1] < stiff[0], "is softer, modulus over depth of a cell, and its stress alone counts"
         else:
             first, why = sizes[1] < (1.0 - EVEN) * sizes[0], "has the smaller facets, or facets of the same size"
@@ -347,7 +347,7 @@ def _check_numbers(scene, space, bulk, number, contact):
         allowed = " | ".join(map(repr, ADDED)) or "none: this program has added no law (pcontact.contact.law.add_law)"
         raise input_error(scene.where, f"{where}.law", repr(contact.law), allowed)
     # each half of an unbiased pair bears half the traction of its side, and half the default gamma0 is enough
-    half = is_unbiased(contact) and not is_two_sided(space, bulk, contact)
+    half = is_unbiased(contact) and _is_alone(space, bulk, contact)
     bound = coercive(float(contact.theta)) * (0.5 if half else 1.0)
     if contact.formulation == "nitsche" and parameter(contact) < bound:
         unsafe(
@@ -408,13 +408,17 @@ def _check_sizes(scene, space, number, contact, pair):
         )  # fmt: skip
 
 
+def _is_alone(space, bulk, contact):
+    """Return whether the stress of the source alone says what the pressure of a contact is. *Collective.*"""
+    nitsche = contact.formulation in (None, "nitsche") and contact.pressure_overclosure is None
+    return nitsche and not is_two_sided(space, bulk, contact)
+
+
 def _check_source(space, bulk, contact, source):
     """Warn of a source much stiffer than its target, if its stress alone says what the pressure is; how many times as
     stiff it is then, else 0. *Collective.*"""
     sided = contact.obstacle is None and contact.target != contact.source and not is_unbiased(contact)
-    if not sided or contact.all or contact.formulation != "nitsche" or contact.pressure_overclosure is not None:
-        return 0.0
-    if is_two_sided(space, bulk, contact):
+    if not sided or contact.all or not _is_alone(space, bulk, contact):
         return 0.0
     # a point for each facet
     other = source_surface(space, contact.target, bulk.constants, 1, bulk.orthotropic)

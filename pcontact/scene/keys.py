@@ -198,12 +198,7 @@ def conflicts(one: object, scene: object) -> Iterator[tuple[str, str, str]]:
     """Rules between the keys of a table that are broken: key (empty: the table), what was found, what is allowed."""
     for name, declared in keys(type(one)).items():
         for others, exactly in ((declared.one_of, True), (declared.any_of, False)):
-            group = (name, *others)
-            there = [words for words in group if others and holds(words, one, scene)]
-            if others and (not there or (exactly and len(there) > 1)):
-                none = f"neither {' nor '.join(group)}" if len(group) == 2 else "none"
-                found = "both " * (len(there) == 2) + " and ".join(map(_or, there)) if there else none
-                yield "", found, f"{'exactly' if exactly else 'at least'} one of {', '.join(map(_or, group))}"
+            yield from choice_of(one, scene, (name, *others), exactly) if others else ()
         if not is_set(one, name):
             continue
         value = shown_value(getattr(one, name))
@@ -218,6 +213,17 @@ def conflicts(one: object, scene: object) -> Iterator[tuple[str, str, str]]:
         for words, why in declared.unless.items():
             if holds(words, one, scene):
                 yield name, f"{value} together with {words}", f"nothing: {why}"
+
+
+def choice_of(
+    one: object, scene: object, group: tuple[str, ...], exactly: bool = True
+) -> Iterator[tuple[str, str, str]]:
+    """Say that not exactly one, or not at least one, of some conditions on a table holds: as :func:`conflicts` does."""
+    there = [words for words in group if holds(words, one, scene)]
+    if not there or (exactly and len(there) > 1):
+        none = f"neither {' nor '.join(group)}" if len(group) == 2 else "none"
+        found = "both " * (len(there) == 2) + " and ".join(map(_or, there)) if there else none
+        yield "", found, f"{'exactly' if exactly else 'at least'} one of {', '.join(map(_or, group))}"
 
 
 def _set(name, one):

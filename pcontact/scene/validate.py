@@ -14,7 +14,7 @@ from pcontact.runtime.errors import CONTROL, closeness, input_error, listed, nea
 from pcontact.runtime.files import GEOMETRIES
 from pcontact.runtime.rules import PETSC_VALUE, TEXT, apply
 from pcontact.scene.functions import expressions
-from pcontact.scene.keys import conflicts, holds, keys
+from pcontact.scene.keys import choice_of, conflicts, holds, keys
 from pcontact.scene.model import (
     CONTACT_DEFAULTS,
     LIST_TABLES,
@@ -526,9 +526,8 @@ def _orthotropic(scene, material) -> Found:
 def _contact(scene, contact) -> Found:
     if contact.all:
         yield from _all(scene, contact)
-    elif (contact.target is None) == (contact.obstacle is None):
-        found = "neither target nor obstacle" if contact.target is None else "both target and obstacle"
-        yield "", found, "exactly one of target, obstacle"
+    else:
+        yield from choice_of(contact, scene, ("target", "obstacle"))
     if isinstance(contact.friction, str):
         for key in ("law", "adhesion"):
             if getattr(contact, key):
@@ -606,9 +605,7 @@ def _obstacle(scene, obstacle) -> Found:
 
 def _punch(scene, obstacle) -> Found:
     """Edges are not rounder than the face."""
-    if (obstacle.radius is None) == (obstacle.width is None):
-        found = "neither radius nor width" if obstacle.width is None else "both radius and width"
-        yield "", found, "exactly one of radius, width"
+    yield from choice_of(obstacle, scene, ("radius", "width"))
     half = obstacle.radius if obstacle.width is None else 0.5 * obstacle.width
     if (obstacle.edge_radius or 0.0) > half:
         yield "edge_radius", f"{obstacle.edge_radius:g}, more than half of the face", f"at most {half:g}"
