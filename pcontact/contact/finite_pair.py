@@ -26,6 +26,7 @@ from pcontact.contact.formulation.methods import facet_columns
 from pcontact.contact.law import OPEN, contact_law
 from pcontact.contact.pair import NOTHING_MORE, ContactPair, Pairing, method_of, partner_search
 from pcontact.contact.surface.facet_maps import KIND, MAX_NODES
+from pcontact.contact.surface.sides import tangents_of
 from pcontact.contact.traction.finite import NoTraction
 from pcontact.contact.traction.finite_target import finite_traction
 from pcontact.element.reference import reference_nodes
@@ -125,16 +126,6 @@ def places(points, values):
     return points.x + np.einsum("pa,pad->pd", points.shape, values[on])
 
 
-def _tangents(normal):
-    """Orthonormal tangents (np, d - 1, d) of unit normals (np, d): (t_y, -t_x) and t_1 x t_2 are the normal."""
-    if normal.shape[1] == 2:
-        return np.stack([-normal[:, 1], normal[:, 0]], axis=1)[:, None]
-    axis = np.eye(3)[np.argmin(np.abs(normal), axis=1)]
-    first = np.cross(axis, normal)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    return np.stack([first, np.cross(normal, first)], axis=1)
-
-
 def finite_source(source, origin):
     """The points of a source as kernels of finite motion want them.
 
@@ -145,7 +136,7 @@ def finite_source(source, origin):
     origin : ndarray (d,)
     """
     on = np.ascontiguousarray(facet_columns(source)[0])
-    tangent, columns = _tangents(source.normal), on[source.facet]
+    tangent, columns = tangents_of(source.normal), on[source.facet]
     grad = source.grad if source.slope is None else source.slope
     slope = np.einsum("pad,pbd->pba", grad, tangent)
     return FiniteSource(

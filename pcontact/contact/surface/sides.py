@@ -79,6 +79,16 @@ def neighbours(space, nodes):
     return split_by_rank(pairs[:, 1], pairs[:, 0])[0]
 
 
+def tangents_of(normal):
+    """Orthonormal tangents (np, d - 1, d) of unit normals (np, d): (t_y, -t_x) and t_1 x t_2 are the normal."""
+    if normal.shape[1] == 2:
+        return np.stack([-normal[:, 1], normal[:, 0]], axis=1)[:, None]
+    axis = np.eye(3)[np.argmin(np.abs(normal), axis=1)]
+    first = np.cross(axis, normal)
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    return np.stack([first, np.cross(normal, first)], axis=1)
+
+
 # facets per cell at most: global facet number = cell number * FACETS + local facet
 FACETS = 6
 # points per facet at most

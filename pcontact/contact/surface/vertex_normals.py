@@ -13,6 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pcontact.contact.surface.sides import tangents_of
+
 # largest angle between the normals of two facets of a smooth surface [rad]
 EDGE = np.deg2rad(40.0)
 # angle from which on they are not one plane, far above rounding [rad]
@@ -176,15 +178,6 @@ def _around(vertex, x, chosen, table):
     return pairs[(x[pairs[:, 0]] != x[pairs[:, 1]]).any(axis=1)]
 
 
-def _frames(normal):
-    """Orthonormal tangents (n, d - 1, d) of unit normals (n, d)."""
-    if normal.shape[1] == 2:
-        return np.column_stack([-normal[:, 1], normal[:, 0]])[:, None]
-    axis = np.eye(3)[np.argmin(np.abs(normal), axis=1)]
-    first = _unit(np.cross(normal, axis))
-    return np.stack([first, np.cross(normal, first)], axis=1)
-
-
 def _fit(pairs, x, frame_normal):
     """Normals (n, d) of the height functions at the vertices that pairs begin with, and whether each fits.
 
@@ -203,7 +196,7 @@ def _fit(pairs, x, frame_normal):
     """
     vertex, first = np.unique(pairs[:, 0], return_index=True)
     place = np.repeat(np.arange(len(vertex)), np.diff([*first, len(pairs)]))
-    frame = _frames(frame_normal[vertex])
+    frame = tangents_of(frame_normal[vertex])
     offset = x[pairs[:, 1]] - x[pairs[:, 0]]
     length = np.linalg.norm(offset, axis=1)
     scale = np.add.reduceat(length, first) / np.diff([*first, len(pairs)])
