@@ -467,7 +467,9 @@ CASES = {
         scene=SCENE.replace("[materials.m]", r'[materials."m\u001b"]').replace('"m"', r'"m\u001b"', 2),
     ),
     "solver of the scene": Case(["-pc_type nonsense", "allowed"], scene=SCENE + "[petsc]\npc_type = 'nonsense'\n"),
-    "number of the scene": Case(["scene: petsc: -snes_rtol: found 'abc'", "allowed"], scene=SCENE + "[petsc]\nsnes_rtol = 'abc'\n"),
+    "number of the scene": Case(
+        ["scene: petsc: -snes_rtol: found 'abc'", "allowed"], scene=SCENE + "[petsc]\nsnes_rtol = 'abc'\n"
+    ),
 }
 OPTIONS = {
     "theta": option(["command line: -contact_theta: found a number 3"], "-contact_theta", "3"),
