@@ -57,7 +57,7 @@ if [[ ! -f $PETSC_DIR/$PETSC_ARCH/lib/libpetsc.so ]]; then
 fi
 say 'petsc4py'
 pip install -q 'cython>=3' setuptools wheel 'numpy<2'
-pip install -q --no-build-isolation --no-deps --no-binary :all: "petsc4py==$version"
+pip install -q --no-build-isolation --no-deps --no-binary petsc4py "petsc4py==$version"
 cat >activate <<END
 # to be sourced: PETSc $version, built by scripts/newest_petsc.sh
 . "$place/venv/bin/activate"
