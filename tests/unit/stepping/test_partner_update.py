@@ -8,6 +8,8 @@ import pytest
 
 from drivers._common import make_mesh
 from drivers.cases.ironing import WAY, Forces, scene
+from drivers.studies._extreme_shapes import pointed
+from drivers.studies._harness import solved
 from meshes import ironing
 from pcontact.runtime.petsc import MPI, PETSc
 from pcontact.simulation import Simulation
@@ -124,6 +126,13 @@ def test_newton_has_the_derivative_of_what_is_frozen(path):
     assert stale.max() < 1e-9
     # there is no derivative where a point is about to slip
     assert taylor[turns == 0].max() < 1e-6 and np.count_nonzero(turns) < 0.1 * len(turns)
+
+
+def test_normals_that_turn_decide(tmp_path):
+    """Those of an edge on an edge, as their facets deform: the gaps hardly change."""
+    case, _ = pointed(tmp_path, kind="edge on edge", dim=3, cell="hexahedron", n=3)
+    with solved(case, comm=MPI.COMM_SELF) as (_, record):
+        assert record["partners"]["change"] < 2e-3 and record["partners"]["searches"] > 2
 
 
 @pytest.mark.parallel
