@@ -37,7 +37,7 @@ TARGET, FACTORS = 0.05, (1.0 / 1.5, 1.5)
 # words for exit statuses, sizes of arrays, and what rounding leaves
 NOT_TRIED = {"pcontact.adapt.edges", "pcontact.estimate.points"}
 NO_NUMBERS = {"REACHED", "FAILED", "SPENT", "CHUNK", "ROOM", "PART", "ZERO", "ROUNDED", "SAME_TIME", "NUMBER",
-              "TAKES_ALL"}
+              "ANGULAR", "TAKES_ALL"}
 PAGE = """# Numbers of the loop that reaches an error
 
 `python drivers/studies/ablation.py -o DIR --publish docs/tables/ablation.md` writes this page: what changes in five

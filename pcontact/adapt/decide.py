@@ -146,9 +146,9 @@ class Decision:
             return choice.once(space.mesh)
         return choice.divides(simulation.scene, space, done, watch.squares, growth > 1.0)
 
-    def _wanted_divided(self, done, trust=TRUST, aim=AIM):
+    def _wanted_divided(self, done, trust=None, aim=None):
         """As :meth:`wanted`, of the error that simplices with the same nodes have."""
-        return self.wanted(done, trust, MEASURED[done.known.dim, done.degree][0], aim)
+        return self.wanted(done, trust or TRUST, MEASURED[done.known.dim, done.degree][0], aim)
 
     def _spent(self, why):
         if self._reached:
@@ -189,7 +189,7 @@ class Decision:
         self._asked = FULL**0.5 * self._budget.of_cells(most)
         return fits, self._asked
 
-    def wanted(self, done, trust=None, more=1.0, aim=AIM):
+    def wanted(self, done, trust=None, more=1.0, aim=None):
         """The part of the error of a pass in the energy norm that the next mesh is made for.
 
         Parameters
@@ -199,8 +199,8 @@ class Decision:
             See :meth:`_trust`; absent: as the last meshes show it.
         more : float
             The error of the mesh in the energy norm that is cut over that of the pass.
-        aim : float
-            Part of the target that it is made for.
+        aim : float, optional
+            Part of the target that it is made for; absent: `AIM`.
         """
         goal, share = self.aim, SHARE * self.aim
         stays = sum(done.parts.get(name, 0.0) for name in self._settings.staying)
@@ -211,7 +211,7 @@ class Decision:
         falls, loads = sum(done.parts.get(name, 0.0) for name in self._settings.falling), done.parts.get("loads", 0.0)
         falls -= loads if loads <= NOTICED * self._settings.goal else 0.0
         falls += (more**done.power - 1.0) * done.parts["mesh"]
-        part = min(aim * max(goal - stays, share) / falls, 1.0)
+        part = min((aim or AIM) * max(goal - stays, share) / falls, 1.0)
         part = part ** (1.0 / (trust or self._trust(done)))
         # errors of quantities are products of two errors of the energy norm
         return part ** (1.0 / done.power)
