@@ -35,10 +35,14 @@ def scene(path, table, end, **more):
     )
 
 
-def searches(case):
-    """Time, displacement so far, displacement of the search: of every load step, along x."""
+def searches(case, begin=None, floats=False):
+    """Time, displacement so far, displacement of the search: of every load step, along x. `begin`: from the time to the
+    displacement (2,) that another run has told; `floats`: whether contact alone holds the block."""
     simulation, seen = Simulation(case), []
     item = simulation.problem.items[1]
+    item.floats = floats
+    if begin is not None:
+        simulation.begin = lambda time: np.tile(begin(time), (simulation.problem.space.n_owned, 1))
     detect = item.detect
 
     def spy(u, time, motion=0.0, ahead=None):
@@ -84,6 +88,16 @@ def test_the_search_goes_with_the_amplitudes(block):
     for time, so_far, place in searches(scene(block, table, 7.0)):
         assert so_far == pytest.approx(WAY * factor[round(time) - 1], abs=1e-12)
         assert place == pytest.approx(WAY * expected[round(time)], abs=1e-12), time
+
+
+@pytest.mark.parametrize("floats", [False, True])
+def test_the_search_is_where_another_run_has_told_the_bodies(block, floats):
+    """From the first load step on, whatever holds them; without it nobody knows where bodies go that float."""
+    case = scene(block, [(0, 0), (1, 1), (2, 2)], 2.0)
+    told = [place for _, _, place in searches(case, lambda time: [1.1 * time * WAY, 0.0], floats)]
+    assert told == pytest.approx([1.1 * WAY, 2.2 * WAY], abs=1e-12)
+    alone = [place for _, _, place in searches(case, floats=floats)]
+    assert alone == pytest.approx([0.0, WAY * (2 - floats)], abs=1e-12)
 
 
 def test_bodies_that_jump_do_not_go_on(block):
