@@ -80,10 +80,9 @@ class Inertia(Item):
     # -- a step -----------------------------------------------------------------------------------------------------
 
     def expected(self, u, time):
-        """Where nodes are (n_owned, d) at a time if accelerations stay as they are [length]."""
-        size = time - self._since
-        way = size * self.velocity + size**2 * sum(self._weights.displacement) * self.acceleration
-        return self._values(u) + way
+        """Where nodes are (n_owned, d) at a time with the velocity that they have [length]; accelerations of what
+        touches jump from step to step, and say less than nothing of the next one."""
+        return self._values(u) + (time - self._since) * self.velocity
 
     def detect(self, u, time, motion=0.0, ahead=None):
         """A step to a time begins at ``u``."""

@@ -38,7 +38,7 @@ class FewUnknowns:
         mesh = SimpleNamespace(points=np.array([[0.0], [1e3]]), comm=SELF)
         self.space = SimpleNamespace(comm=SELF, dim=2, degree=1, n_dofs=n, mesh=mesh, vector=self._vector)
         self.fixed = np.zeros((n, 1), dtype=bool)
-        self.others = [SimpleNamespace(can_slip=slips, stiff=False, name="pair")]
+        self.others = [SimpleNamespace(can_slip=slips, stiff=False, holds=False, name="pair")]
         self.bulk = SimpleNamespace(flowing=lambda u: 0.0, yields=False, extrapolates=False)
         self.conditions = self.forces = self.active = self.prediction = self
         matrix = PETSc.Mat().createAIJ((n, n), nnz=n, comm=SELF)

@@ -55,6 +55,22 @@ def test_the_line_search_holds_what_full_steps_throw_away():
     assert not without.converged
 
 
+def test_what_is_held_takes_full_steps_unless_they_lead_away():
+    """As by inertia: fewer iterations, and an arc tangent does not run away."""
+    counts = []
+    for holds in (False, True):
+        problem, residual = chain(12, np.random.default_rng(2).uniform(0.0, 20.0, 12), 1e3)
+        problem.others[0].holds = holds
+        result, u = solved(problem, np.zeros(12))
+        assert result.converged and np.linalg.norm(residual(u)) < 1e-9
+        counts.append(result.newton)
+    assert counts[1] <= counts[0]
+    problem = FewUnknowns(1, np.arctan, lambda u: np.diag(1.0 / np.hypot(1.0, u) / np.hypot(1.0, u)))
+    problem.others[0].holds = True
+    result, u = solved(problem, [20.0])
+    assert result.converged and abs(u[0]) < 1e-9
+
+
 def test_a_rule_of_earlier_versions_warns(caplog):
     problem = FewUnknowns(1, np.arctan, lambda u: np.diag(1.0 / np.hypot(1.0, u) / np.hypot(1.0, u)))
     assert solved(problem, [0.5], newton_without="waiting")[0].converged
