@@ -762,6 +762,9 @@ class Newton:
         try:
             self.snes.solve(None, x)
         except PETSc.Error as error:
+            # what was raised in a callback, above all an interrupt: from 3.26 on it comes as the cause
+            if error.__cause__ is not None:
+                raise error.__cause__
             # solvers inside solvers read their options when they are first used
             raise self._options.fault(error) or self._options.unsolved(error, self.problem.space.comm) from error
         finally:
