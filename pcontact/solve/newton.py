@@ -190,7 +190,7 @@ class Globalisation:
         self._lowest = (None, None)
         if problem.bulk.extrapolates and "correction" not in without:
             self._lowest = (problem.space.vector(), problem.space.vector())
-        # whether strains are mixed, and whether they are from now on: without contact, see `prepare`
+        # whether strains are mixed, and whether they are from now on: without contact, by direct solves, see `prepare`
         self._mixing, self._mixes = self._lowest[0] is not None and not problem.others, False
         self.begin(False)
 
@@ -782,6 +782,11 @@ class Newton:
         return self._run(u, False, near=near)
 
     @property
+    def _factorises(self):
+        """Whether the linear systems are solved by factors of their matrices."""
+        return preconditioner(self.snes.getKSP()).getType() in ("lu", "cholesky")
+
+    @property
     def _called_back(self):
         """Seconds of what SNES calls back, and that are not those of the linear solves."""
         return self.timing["assembly"] + self.timing["search"]
@@ -793,8 +798,8 @@ class Newton:
         start, before = clock.perf_counter(), self._called_back
         predicts = "prediction" not in self._without and not self._differs
         self._predicting = beginning and self.problem.prediction.committed is not None and predicts
-        # differences are those of the residual itself
-        self._globalisation.begin(beginning, not self._differs)
+        # differences are those of the residual itself; inexact solves leave as much of a stretch as bending is large
+        self._globalisation.begin(beginning, self._factorises and not self._differs)
         self._converges.begin(near)
         if beginning and self._balance is not None:
             self._balance.begin(u)
@@ -807,7 +812,7 @@ class Newton:
         except PETSc.Error as error:
             # what was raised in a callback, above all an interrupt: from 3.26 on it comes as the cause
             if error.__cause__ is not None:
-                raise error.__cause__
+                raise error.__cause__ from None
             # solvers inside solvers read their options when they are first used
             raise self._options.fault(error) or self._options.unsolved(error, self.problem.space.comm) from error
         finally:
@@ -836,8 +841,7 @@ class Newton:
     def _detail(self, reason, norm):
         """Hints for the user: what to look at. *Collective.*"""
         value, point, body = self.problem.forces.worst(self._f)
-        direct = preconditioner(self.snes.getKSP()).getType() in ("lu", "cholesky")
-        parts = diagnose(self.problem, self.snes.getSolution(), reason, norm, self._loose, direct)
+        parts = diagnose(self.problem, self.snes.getSolution(), reason, norm, self._loose, self._factorises)
         parts.append(f"largest residual {value:.3e} at {np.array2string(point, precision=4)} in body {body}")
         for contact in self.problem.contacts:
             last = contact.space.comm.allreduce(np.array(([0, 0, 0] + contact.flips)[-3:]))
