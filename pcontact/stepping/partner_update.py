@@ -145,7 +145,7 @@ class PartnerUpdate:
                for a, b in zip(before, after, strict=True)]  # fmt: skip
         change, *sizes = self.problem.space.comm.allreduce(np.array(own), op=MPI.SUM).T
         size = np.maximum(*sizes)
-        some = (expected > self.tolerance) & (size > 0.0)
+        some = (expected > 0.0) & (size > 0.0)
         if some.any():
             self._gain = max(1.0, float(np.max(change[some] / (size * expected)[some])))
 
