@@ -123,9 +123,6 @@ class FiniteSolid(Bulk):
         By block: all cells with finite strain.
     rowptr, columns : ndarray
         Pattern of the owned rows, global nodes.
-    since : PETSc.Vec or None
-        Displacement of the last iterate, while residual and tangent are those of mixed strain, see
-        `pcontact.assembly.finite_kernels`.
 
     Notes
     -----
@@ -134,7 +131,6 @@ class FiniteSolid(Bulk):
 
     symmetric, extrapolates = False, True
     name = "bodies with finite strain"
-    since = None
 
     def __init__(self, space, constants, materials):
         self.space, self.constants, self.finite = space, constants, self
@@ -177,20 +173,16 @@ class FiniteSolid(Bulk):
         A point that cannot be integrated leaves NaN.
         """
         at, forces = self._forces
-        if self.since is not None or at is None or not self._same(at, u):
+        if at is None or not self._same(at, u):
+            self._averages = None, None
             nodal = self.space.local.gather(u)
-            local, way = np.zeros_like(nodal), self._way(nodal)
+            local = np.zeros_like(nodal)
             for _, _, cells, state in self.chunks():
-                add_forces(state, cells, nodal, cell_work(cells, way), local)
+                add_forces(state, cells, nodal, cell_work(cells), local)
             forces = self.space.summed(self.space.local, local)
-            if self.since is None:
-                # line search, convergence test and report ask for them at the same place
-                self._averages, self._forces = (None, None), (u.getArray(readonly=True).copy(), forces)
+            # line search, convergence test and report ask for them at the same place
+            self._forces = u.getArray(readonly=True).copy(), forces
         out += forces
-
-    def _way(self, nodal):
-        """Last step (n, d) of mixed strain to nodal displacements (n, d), of length 0 without. *Collective.*"""
-        return nodal[:0] if self.since is None else nodal - self.space.local.gather(self.since)
 
     def _same(self, at, u):
         """Return whether a displacement is the one of which the values at the owned nodes have been kept.
@@ -216,11 +208,11 @@ class FiniteSolid(Bulk):
         if kept is not None and self._same(kept[0], u):
             return kept[1]
         nodal = self.space.local.gather(u)
-        d, way = self.space.dim, self._way(nodal)
+        d = self.space.dim
         local = np.zeros((len(self._local[1]), d, d))
         blocks = BlockRows(*self._local, local)
         for _, _, cells, state in self.chunks():
-            add_tangent(state, cells, nodal, cell_work(cells, way), blocks)
+            add_tangent(state, cells, nodal, cell_work(cells), blocks)
         return self._owned.sum(local)
 
     def predict(self, u, base, out):

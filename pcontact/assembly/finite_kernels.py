@@ -16,10 +16,6 @@ cell gives the points the pressure  proj U'(th) = sum_b b mean(b U'(th)),  and w
 
 This is symmetric, since all of it comes from an energy. At u = 0 it is the mean dilatation of small strain.
 
-With mixed strain, S and A are those of Green's strain to first order in the last step, v: G* = G - grad v^T grad v / 2
-in the place of G. In the forces S* + A (G - G*) takes the place of S, and the pressure of the mean dilatation has what
-M says of C*^-1 : (G - G*) more; F^-T is F C*^-1. Where G* is no strain, nothing changes.
-
 In a cell in which a point cannot be integrated (J <= 0), forces are NaN: no step of Newton's method may end there.
 
 The energy per undeformed volume is, with the logarithmic strain e along the principal axes, and e_e what of it is
@@ -129,12 +125,6 @@ class CellWork(NamedTuple):
     hoop, bent_hoop : ndarray (nn, nq)
         Ui33 N_a / R, and the same times weight and S33, with axial symmetry.
     stiffness : ndarray (nn d, nn d)
-    way : ndarray (n, d)
-        Last step of the nodes, for mixed strain; of length 0 without.
-    strained, square : ndarray (nq, 3, 3)
-        Symmetric displacement gradients with the strain G*, and G - G*.
-    rest : ndarray (nq,)
-        C*^-1 : (G - G*), then the pressure that belongs to it [stress].
     point : pcontact.material.finite.PointWork
     """
 
@@ -157,22 +147,16 @@ class CellWork(NamedTuple):
     hoop: np.ndarray
     bent_hoop: np.ndarray
     stiffness: np.ndarray
-    way: np.ndarray
-    strained: np.ndarray
-    square: np.ndarray
-    rest: np.ndarray
     point: PointWork
 
 
-def cell_work(cells, way=None):
+def cell_work(cells):
     """A :class:`CellWork` for cells of a kind."""
     nq, nn, d = cells.grad.shape[1:]
     m, nb, n = 6 if d == 3 else 4, cells.basis.shape[2], nn * d
     shapes = [(nq, 3, 3), (nq,), (nq,), (nq, 3, 3), (nb, n), (nb, nb), (nb, n), (nb,), (3, 3), (3, 3), (3, 3), (3, 3),
               (n, nq * m), (n, nq * m), (nn, nq * d), (nn, nq * d), (nn, nq), (nn, nq), (n, n)]  # fmt: skip
-    way = np.zeros((0, d)) if way is None else way
-    mixed = (np.zeros((nq, 3, 3)), np.zeros((nq, 3, 3)), np.zeros(nq))
-    return CellWork(*(np.zeros(shape) for shape in shapes), way, *mixed, point_work(m))
+    return CellWork(*(np.zeros(shape) for shape in shapes), point_work(m))
 
 
 @njit_inner
@@ -223,46 +207,6 @@ def _add_means(cells, c, q, work):
 
 
 @njit_inner
-def _mix(cells, c, q, work):
-    """What mixed strain needs of a point, and (F C*^-1)^T in the place of F^-1; False where G* is no strain."""
-    point, h = work.point, work.h[q]
-    dh, square, strained = work.piola, work.square[q], work.strained[q]
-    gradient_at(cells, work.way, c, q, dh)
-    for i in range(3):
-        for j in range(3):
-            square[i, j] = 0.5 * (dh[0, i] * dh[0, j] + dh[1, i] * dh[1, j] + dh[2, i] * dh[2, j])
-    twice_green(h, point.tensor)
-    for i in range(3):
-        for j in range(3):
-            point.tensor[i, j] -= 2.0 * square[i, j]
-    m = point.stress.shape[0]
-    eigenpairs(point.tensor, m, point.values, point.vectors)
-    for i in range(3):
-        if not point.values[i] > -1.0:
-            for k in range(3):
-                for j in range(3):
-                    strained[k, j] = h[k, j]
-                    square[k, j] = 0.0
-            work.rest[q] = 0.0
-            return False
-    for i in range(3):
-        point.row[i] = point.values[i] / (1.0 + np.sqrt(1.0 + point.values[i]))
-    compose(point.row, point.vectors, strained)
-    for i in range(3):
-        point.row[i] = 1.0 / (1.0 + point.values[i])
-    compose(point.row, point.vectors, point.other)
-    work.rest[q] = 0.0
-    for i in range(3):
-        for j in range(3):
-            work.rest[q] += point.other[i, j] * square[i, j]
-            value = point.other[i, j]
-            for k in range(3):
-                value += point.other[i, k] * h[j, k]
-            work.inverse[q, i, j] = value
-    return True
-
-
-@njit_inner
 def begin_cell(state, cells, nodal, c, mode, work):
     """Displacement gradients of a cell, and its mean dilatation; False if a point of it cannot be integrated."""
     material = state.material
@@ -275,15 +219,10 @@ def begin_cell(state, cells, nodal, c, mode, work):
         change = volume_change(work.h[q])
         if not (change > -1.0 and change < np.inf):
             return False
-        mixed = len(work.way) > 0
-        if mixed:
-            mixed = _mix(cells, c, q, work)
-            change = volume_change(work.strained[q])
         work.log_volume[q] = np.log1p(change)
         work.pressure[q] = 0.0
         if nb > 0 and mode != STRESS:
-            if not mixed:
-                _invert(work.h[q], 1.0 + change, work.inverse[q])
+            _invert(work.h[q], 1.0 + change, work.inverse[q])
             _add_means(cells, c, q, work)
     if nb == 0:
         return True
@@ -318,52 +257,15 @@ def begin_cell(state, cells, nodal, c, mode, work):
                 factor = work.moduli[b, k]
                 for n in range(work.means.shape[1]):
                     work.weighted[b, n] += factor * work.means[k, n]
-    if len(work.way) > 0 and mode != STRESS:
-        for b in range(nb):
-            work.amount[b] = 0.0
-            for q in range(nq):
-                work.amount[b] += cells.jxw[c, q] * cells.basis[c, q, b] * work.rest[q] / cells.volume[c]
-        for q in range(nq):
-            value = 0.0
-            for b in range(nb):
-                for k in range(nb):
-                    value += cells.basis[c, q, b] * work.moduli[b, k] * work.amount[k]
-            work.rest[q] = value / cells.volume[c]
     return True
-
-
-@njit_inner
-def _add_rest(q, work):
-    """Add A : Ui (G - G*) Ui to ``tensor``."""
-    ui, square, other, s, m = work.stretch, work.square[q], work.point.other, work.tensor, work.point.stress.shape[0]
-    for i in range(3):
-        for j in range(3):
-            value = 0.0
-            for k in range(3):
-                for n in range(3):
-                    value += ui[i, k] * square[k, n] * ui[n, j]
-            other[i, j] = value
-    for k in range(m):
-        value = 0.0
-        for n in range(m):
-            i, j = (n, n) if n < 3 else ((0, 1) if n == 3 else ((1, 2) if n == 4 else (0, 2)))
-            value += work.point.tangent[k, n] * other[i, j] * (1.0 if n < 3 else 2.0 * HALF)
-        if k < 3:
-            s[k, k] += value
-        else:
-            i, j = (0, 1) if k == 3 else ((1, 2) if k == 4 else (0, 2))
-            s[i, j] += HALF * value
-            s[j, i] = s[i, j]
 
 
 @njit_inner
 def point_of_cell(state, cells, c, q, mode, work):
     """S of a point, with its tangent, Fb, Ui and P; False if it cannot be integrated. After :func:`begin_cell`."""
     row = c if len(state.material.small.curve) > 0 else 0
-    mixed = len(work.way) > 0
-    h = work.strained[q] if mixed else work.h[q]
     good, plastic, _, _ = stress_at(
-        state.material, h, state.strain[row, q], state.p[row, q], work.pressure[q], mode, work.point
+        state.material, work.h[q], state.strain[row, q], state.p[row, q], work.pressure[q], mode, work.point
     )
     if not good:
         return False
@@ -381,20 +283,12 @@ def point_of_cell(state, cells, c, q, mode, work):
             x, y, z = fb[i, 0], fb[i, 1], fb[i, 2]
             for j in range(3):
                 fb[i, j] = x * ui[0, j] + y * ui[1, j] + z * ui[2, j]
-    if mixed and mode != STRESS:
-        _add_rest(q, work)
     for i in range(3):
         x = fb[i, 0] * work.tensor[0, 0] + fb[i, 1] * work.tensor[1, 0] + fb[i, 2] * work.tensor[2, 0]
         y = fb[i, 0] * work.tensor[0, 1] + fb[i, 1] * work.tensor[1, 1] + fb[i, 2] * work.tensor[2, 1]
         z = fb[i, 0] * work.tensor[0, 2] + fb[i, 1] * work.tensor[1, 2] + fb[i, 2] * work.tensor[2, 2]
         for j in range(3):
             work.piola[i, j] = x * ui[0, j] + y * ui[1, j] + z * ui[2, j]
-    if mixed and mode != STRESS:
-        to_tensor(work.point.stress, work.tensor)
-        if cells.basis.shape[2] > 0:
-            for i in range(3):
-                for j in range(3):
-                    work.piola[i, j] += work.rest[q] * work.inverse[q, j, i]
     return True
 
 
@@ -465,10 +359,9 @@ def add_forces(state, cells, nodal, work, out):
     """Add the nodal forces to ``out`` (n, d) [force]; NaN in cells that cannot be integrated."""
     nq, nn, d = cells.grad.shape[1], cells.grad.shape[2], cells.grad.shape[3]
     for c in range(len(cells.nodes)):
-        mode = CONSISTENT if len(work.way) > 0 else STRESS
-        good = begin_cell(state, cells, nodal, c, mode, work)
+        good = begin_cell(state, cells, nodal, c, STRESS, work)
         for q in range(nq):
-            good = good and point_of_cell(state, cells, c, q, mode, work)
+            good = good and point_of_cell(state, cells, c, q, STRESS, work)
             if not good:
                 break
             for a in range(nn):

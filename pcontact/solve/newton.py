@@ -190,16 +190,11 @@ class Globalisation:
         self._lowest = (None, None)
         if problem.bulk.extrapolates and "correction" not in without:
             self._lowest = (problem.space.vector(), problem.space.vector())
-        # whether strains are mixed, and whether they are from now on: without contact, by direct solves, see `prepare`
-        self._mixing, self._mixes = self._lowest[0] is not None and not problem.others, False
         self.begin(False)
 
-    def begin(self, beginning, mixes=False):
-        """A run of Newton's method begins; `beginning`: where the last load step has ended; `mixes`: with mixed strain
-        where that helps."""
+    def begin(self, beginning):
+        """A run of Newton's method begins; `beginning`: where the last load step has ended."""
         self._begins = beginning
-        # with mixed strain: the iterate before, and that at which a prediction says what the first step is
-        self._mixes, self._since, self._base, self._norm = mixes and self._mixing, None, None, None
         # rules of an iteration in which points stay open
         self._rules = None
         # those of the next iteration where the contact recedes, once in a run, and the area closed before it did
@@ -207,7 +202,7 @@ class Globalisation:
         # part that was taken of a step in which the residual has risen, and its norm at the beginning of that step
         self._risen = None
         # least norm of the residual, and iterations since then
-        self._least, self._waits, self._norms = np.inf, 0, []
+        self._least, self._since, self._norms = np.inf, 0, []
         # the residual at the end of a full step, when that has been tried and will be asked for again
         self._known = None
 
@@ -223,50 +218,19 @@ class Globalisation:
 
     def forget(self):
         """Partners have been looked for again: what is known of the last step says nothing any more."""
-        self._known = self._receding = self._risen = self._since = None
+        self._known = self._receding = self._risen = None
         self._least = np.inf
 
     def prepare(self, x, f):
         """Before an iteration: where the contact recedes, the residual ``f`` at ``x`` becomes that with some points
-        open; else that of mixed strain. *Collective.*
-
-        Slender bodies that bend in a full step stretch by its square, which the next step takes away. Until then the
-        stress of that stretch is thousands of times too large, and so is what it adds to the tangent. With stress as
-        an unknown of its own the stress is that of the strain to first order in the step (D. Magisano, L. Leonetti,
-        G. Garcea, Comput. Methods Appl. Mech. Eng. 313 (2017), 986-1005: mixed integration points), and full steps
-        converge. Solutions are the same. The residual at the end of such a step is no measure of it, nor is the length
-        of the next one.
-        """
-        self._norm = f.norm()
+        open. *Collective.*"""
         if self._receding is not None:
             self._rules = self._receding
             self._problem.residual(x, f, self._rules)
-        elif self._since is not None and self._base is None:
-            with self.mixed():
-                self._problem.residual(x, f)
-
-    def expect(self, origin, base):
-        """The first step of a run begins at ``base``, where bodies are expected that go on from ``origin``, if there is
-        one."""
-        self._since, self._base = (origin, base) if self._mixes else (None, None)
-
-    @contextmanager
-    def mixed(self):
-        """Forces and stiffness of bodies with finite strain are those of mixed strain meanwhile."""
-        if self._since is None:
-            yield
-            return
-        finite = self._problem.bulk.finite
-        finite.since = self._since
-        try:
-            yield
-        finally:
-            finite.since = None
 
     def limit(self, x, y, f):
         """Scale the Newton step ``-y`` from ``x``, where the residual is ``f``. *Collective.*"""
         self._rules = None
-        self._since, self._base = (x.copy() if self._base is None else self._base) if self._mixes else None, None
         if self._goes_back(x, y) or self._starts_again(x, y, f):
             return
         part = 1.0
@@ -326,7 +290,7 @@ class Globalisation:
         """Return whether the kept step is taken back, since the residual has risen in it and the Newton step after it,
         ``-y`` from ``x``, is hardly shorter: then ``-y`` becomes the way to half of it. *Collective.*"""
         risen, self._risen = self._risen, None
-        if risen is None or self._mixes or y.norm() <= CONTRACTS * self._step.norm():
+        if risen is None or y.norm() <= CONTRACTS * self._step.norm():
             return False
         self._go(self._before, self._step, self._bend(0.5 * risen[0], risen[1]))
         y.waxpy(-1.0, self._trial, x)
@@ -338,15 +302,13 @@ class Globalisation:
         if not self._problem.bulk.extrapolates or "correction" in self._without:
             return False
         lowest, step = self._lowest
-        norm = f.norm() if self._norm is None else self._norm
-        if norm < self._least:
-            self._least, self._waits = norm, 0
+        if f.norm() < self._least:
+            self._least, self._since = f.norm(), 0
             x.copy(lowest)
             y.copy(step)
-        self._waits += 1
-        if self._waits <= WATCHED:
+        self._since += 1
+        if self._since <= WATCHED:
             return False
-        self._mixes, self._since = False, None
         least, self._least, self._risen, self._known = self._least, np.inf, None, self._full
         step.scale(self._part(lowest, step, least))
         y.waxpy(1.0, step, x)
@@ -594,13 +556,10 @@ class Newton:
         """Put the prediction of a load step in the place of its residual ``f`` at ``x``, unless it asks for nothing: it
         says where to begin, and nothing of where to end. With `alone`, ``f`` has no value yet. *Collective.*"""
         # where bodies go on as they did, the prediction is as good as the residual
-        first, prediction = np.nan if alone else f.norm(), self.problem.prediction
-        self._globalisation.expect(prediction.origin, prediction.committed)
-        with self._globalisation.mixed():
-            prediction.residual(x, f)
+        first = np.nan if alone else f.norm()
+        self.problem.prediction.residual(x, f)
         if self._converges.negligible(f.norm(), first, self.snes.getTolerances()[0]):
             self._predicting, first = False, np.nan
-            self._globalisation.expect(None, None)
             self.problem.residual(x, f)
         self._converges.predicted, self._converges.predicted_from = self._predicting, first
 
@@ -616,8 +575,7 @@ class Newton:
     def _tangent(self, snes, x, matrix, base):
         with self._timed():
             changes = self.problem.pattern_changes
-            with self._globalisation.mixed():
-                self.problem.tangent(x, self._globalisation.rules, self._predicting)
+            self.problem.tangent(x, self._globalisation.rules, self._predicting)
             self._predicting, self._linearised = False, True
             if self._diagonal is not None:
                 self._diagonal = self.problem.matrix.matrix.getDiagonal()
@@ -782,11 +740,6 @@ class Newton:
         return self._run(u, False, near=near)
 
     @property
-    def _factorises(self):
-        """Whether the linear systems are solved by factors of their matrices."""
-        return preconditioner(self.snes.getKSP()).getType() in ("lu", "cholesky")
-
-    @property
     def _called_back(self):
         """Seconds of what SNES calls back, and that are not those of the linear solves."""
         return self.timing["assembly"] + self.timing["search"]
@@ -798,8 +751,7 @@ class Newton:
         start, before = clock.perf_counter(), self._called_back
         predicts = "prediction" not in self._without and not self._differs
         self._predicting = beginning and self.problem.prediction.committed is not None and predicts
-        # differences are those of the residual itself; inexact solves leave as much of a stretch as bending is large
-        self._globalisation.begin(beginning, self._factorises and not self._differs)
+        self._globalisation.begin(beginning)
         self._converges.begin(near)
         if beginning and self._balance is not None:
             self._balance.begin(u)
@@ -841,7 +793,8 @@ class Newton:
     def _detail(self, reason, norm):
         """Hints for the user: what to look at. *Collective.*"""
         value, point, body = self.problem.forces.worst(self._f)
-        parts = diagnose(self.problem, self.snes.getSolution(), reason, norm, self._loose, self._factorises)
+        direct = preconditioner(self.snes.getKSP()).getType() in ("lu", "cholesky")
+        parts = diagnose(self.problem, self.snes.getSolution(), reason, norm, self._loose, direct)
         parts.append(f"largest residual {value:.3e} at {np.array2string(point, precision=4)} in body {body}")
         for contact in self.problem.contacts:
             last = contact.space.comm.allreduce(np.array(([0, 0, 0] + contact.flips)[-3:]))

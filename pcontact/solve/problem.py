@@ -357,13 +357,11 @@ class Prediction:
         Whether the load step begins where the bodies are if they go on as they did.
     imposing : float
         Norm of the residual [force] where it would begin else, of small strain: what is prescribed alone has moved.
-    origin : PETSc.Vec or None
-        Displacement from which the bodies are expected to go on, with finite strain.
     """
 
     def __init__(self, problem):
         self._problem, self.committed, self._changed = problem, None, frozenset()
-        self.goes_on, self.imposing, self.origin = False, 0.0, None
+        self.goes_on, self.imposing = False, 0.0
 
     @property
     def continues(self):
@@ -386,7 +384,7 @@ class Prediction:
         moves = not problem.linear and conditions.imposed(u, time) > 0.0
         before = u.copy() if bulk.yields or moves or bulk.extrapolates else None
         self.goes_on = self.continues and ahead is not None and (not bulk.extrapolates or problem.integrable(ahead))
-        self.imposing, self.origin = 0.0, u.copy() if self.goes_on and bulk.extrapolates else None
+        self.imposing = 0.0
         if self.goes_on:
             if not bulk.extrapolates:
                 # what is prescribed alone says how large forces are that are to be balanced
@@ -413,7 +411,7 @@ class Prediction:
         u.getArray().reshape(free.shape)[free] = expected.getArray(readonly=True).reshape(free.shape)[free]
         u.assemble()
         # nothing is left to predict, and the first residual says nothing of the forces
-        self.committed, self.goes_on, self.origin = None, True, None
+        self.committed, self.goes_on = None, True
 
     @property
     def rules(self):

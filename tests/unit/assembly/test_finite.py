@@ -165,28 +165,6 @@ def test_prediction_is_the_tangent_at_the_base(tmp_path):
     np.testing.assert_allclose(out.ravel(), expected, rtol=0.0, atol=1e-11 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize("cell, degree, kinematics, averaged", CASES)
-def test_mixed_strain(tmp_path, cell, degree, kinematics, averaged):
-    """Forces of a step of length s differ by O(s^4) from the true ones, the tangent by O(s^2)."""
-    rng = np.random.default_rng(5)
-    space = finite_space(finite_grid(tmp_path, cell, degree), degree, kinematics, averaged)
-    for law in LAWS:
-        if law in RUBBER and kinematics == "plane_stress":
-            continue
-        bulk = history(finite_bulk(space, law), rng)
-        u, way = (deformed(space, rng)[space.owned_local] for _ in range(2))
-        rows = []
-        for s in (0.0, 0.05, 0.1):
-            place, end = vector_of(space, u - s * way), vector_of(space, u)
-            true = forces_of(bulk, u), dense_item(bulk, end)
-            bulk.since = place
-            mixed = forces_of(bulk, u), dense_item(bulk, end)
-            bulk.since = None
-            rows.append([np.abs(a - b).max() / np.abs(b).max() for a, b in zip(mixed, true, strict=True)])
-        assert max(rows[0]) < 1e-12, law
-        assert 0.0 < rows[1][0] < rows[2][0] / 8.0 and 0.0 < rows[1][1] < rows[2][1] / 3.0, (law, rows)
-
-
 def test_inside_out_leaves_nan(tmp_path):
     """So that no step of Newton's method ends there."""
     space = finite_space(finite_grid(tmp_path, "hexahedron", 1), 1, "plane_strain", True)
