@@ -347,7 +347,7 @@ def _check_numbers(scene, space, bulk, number, contact):
         allowed = " | ".join(map(repr, ADDED)) or "none: this program has added no law (pcontact.contact.law.add_law)"
         raise input_error(scene.where, f"{where}.law", repr(contact.law), allowed)
     # each half of an unbiased pair bears half the traction of its side, and half the default gamma0 is enough
-    half = is_unbiased(contact) and _is_alone(space, bulk, contact)
+    half = is_unbiased(contact) and not is_two_sided(space, bulk, contact)
     bound = coercive(float(contact.theta)) * (0.5 if half else 1.0)
     if contact.formulation == "nitsche" and parameter(contact) < bound:
         unsafe(
