@@ -145,9 +145,10 @@ class PartnerUpdate:
                for a, b in zip(before, after, strict=True)]  # fmt: skip
         change, *sizes = self.problem.space.comm.allreduce(np.array(own), op=MPI.SUM).T
         size = np.maximum(*sizes)
-        some = (expected > 0.0) & (size > 0.0)
-        if some.any():
-            self._gain = max(1.0, float(np.max(change[some] / (size * expected)[some])))
+        # partners of one contact change the forces of the others, too; Newton's tolerance changes all of them
+        part = np.max(change[size > 0.0] / size[size > 0.0], initial=0.0)
+        if np.max(expected) > 0.0:
+            self._gain = max(1.0, float(part / max(np.max(expected), self.newton.snes.getTolerances()[0])))
 
     def _renewed(self, u, firm, part):
         """Whether an item has changed its partners, with those that it has wrong by more than a part, see

@@ -154,6 +154,7 @@ class Flipping:
         self.left, self.runs, self.timing, self.tolerances = times, 0, {"search": 0.0}, []
         self.follows, self.verifies, self.stale, self.change = False, True, 0.5, change
         self.source = SimpleNamespace(jxw=np.array([0.5]))
+        self.snes = SimpleNamespace(getTolerances=lambda: (1e-8, 0.0, 0.0, 50))
 
     def forces(self, u):
         return np.array([[0.0, 2.0 * (1.0 - self.change) ** self.runs]]), np.array([1])
@@ -230,6 +231,23 @@ def test_what_partners_have_changed_says_what_a_change_is_worth():
     assert item.tolerances[-1] == pytest.approx(1e-3 / 1.8)
     # a search that changes nothing leaves no trace
     assert update.carried == 0.0
+
+
+@pytest.mark.parametrize(
+    ("expected", "after", "gain"),
+    [
+        ([1e-17, 0.2], [1.5, 1.5], 0.5 / 1.5 / 0.2),  # partners of the second change the forces of both
+        ([1e-12, 0.0], [1.0 + 1e-9, 1.0], 1.0),  # Newton's tolerance
+        ([0.0, 0.0], [1.0, 1.5], 7.0),  # nothing was expected: what is known stays
+    ],
+)
+def test_what_one_contact_changes_in_all_of_them_counts(expected, after, gain):
+    """Not what a contact changes whose partners stay, over what rounding errors have let it expect."""
+    _, update, _ = flipped(0, 6)
+    update._gain = 7.0
+    forces = [np.array([[1.0, 0.0]])] * 2
+    update._compare(forces, [np.array([[part, 0.0]]) for part in after], np.array(expected))
+    assert update._gain == pytest.approx(gain)
 
 
 def test_what_does_not_settle_has_not_converged():
