@@ -21,7 +21,7 @@ from pcontact.scene.functions import Prescribed
 
 
 class Heating(NamedTuple):
-    """What heats a group of cells.
+    """Temperature field and expansion of a group of cells.
 
     Attributes
     ----------
@@ -142,7 +142,7 @@ class Heat:
             trace.take(self)
 
     def heated(self, number):
-        """Whether a block has cells that are heated and expand."""
+        """Return True if a block has cells that are heated and expand."""
         return bool((self._which[number] >= 0).any() and self._material(number).expansion_energy)
 
     def _material(self, number):
@@ -174,7 +174,7 @@ class Heat:
         return local, means
 
     def energy(self):
-        """What heated cells would store if they were kept from expanding [force * length]. *Collective.*"""
+        """Energy that heated cells would store if they were kept from expanding [force * length]. *Collective.*"""
         own = 0.0
         for number, _, _, jxw, _, values in self._chunks():
             own += 0.5 * self._material(number).expansion_energy * np.sum(jxw * values**2)

@@ -48,7 +48,7 @@ class ActiveSet:
         return None
 
     def turned(self, u):
-        """What ``u`` changes at the points of this rank (4,): area closed in the last tangent, area of that open in
+        """Changes by ``u`` at the points of this rank (4,): area closed in the last tangent, area of that open in
         ``u``, area closed in ``u`` alone [length^(d - 1)], number of the points that open; infinite where the pressure
         does not say what is open. *Collective.*
         """
@@ -79,7 +79,7 @@ class ActiveSet:
         return np.zeros(0, dtype=np.int64)
 
     def clearance(self, u, fields, beyond=False):
-        """How far points are from contact, and what motions of whole bodies would change. *Collective.*
+        """Distances of points from contact, and what motions of whole bodies would change in them. *Collective.*
 
         Parameters
         ----------
@@ -108,7 +108,7 @@ class ActiveSet:
         return 0.0
 
     def bonds(self):
-        """What adhesion at the points of this rank may exert on every connected component without pressure
+        """Forces that adhesion at the points of this rank may exert on every connected component without pressure
         (n_components,) [force]. *Collective.*
         """
         return 0.0
@@ -235,12 +235,12 @@ class Item:
         """
 
     def angle(self, start, end):
-        """How far an obstacle turns between two times [radian]."""
+        """Angle by which an obstacle turns between two times [radian]."""
         return 0.0
 
     def strays(self, u):
-        """Whether ``u`` is so far from where the load step's partners were found that they are to be found again within
-        Newton's method, see :meth:`renew`. *Collective.*"""
+        """Return True if ``u`` is so far from where the load step's partners were found that they are to be found again
+        within Newton's method, see :meth:`renew`. *Collective.*"""
         return False
 
     def normal_motion(self, u, before):
@@ -275,7 +275,7 @@ class Item:
         """End the load step: what the next one needs to know is that of ``u``. *Collective.*"""
 
     def fields_of_nodes(self):
-        """What there is to see at nodes, beside the displacement: values (n_owned, d) by name."""
+        """Fields at nodes beside the displacement: values (n_owned, d) by name."""
         return {}
 
     def report(self, u):
@@ -286,7 +286,7 @@ class Item:
     # -- a checkpoint ---------------------------------------------------------------------------------------------
 
     def memory(self):
-        """What the next load step needs to know of the last one, apart from the displacement.
+        """State of the last load step that the next one needs, apart from the displacement.
 
         Returns
         -------

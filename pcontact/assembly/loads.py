@@ -14,7 +14,7 @@ SMOOTH = 2
 
 
 def across(space, load):
-    """What takes places relative to the axis of a load with `angular_speed` to those across it (d, d)."""
+    """Matrix that takes places relative to the axis of a load with `angular_speed` to those across it (d, d)."""
     if space.axisymmetric:
         return np.diag([1.0, 0.0])
     if load.axis is None:

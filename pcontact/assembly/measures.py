@@ -1,4 +1,4 @@
-"""How bodies are stretched and turned, cell by cell, for reports and pictures.
+"""Stretch and rotation of bodies, cell by cell, for reports and pictures.
 
 How far bodies with small strain are from what small strain represents.
 
@@ -64,7 +64,7 @@ class Centres(NamedTuple):
 
 
 class Stiffness(NamedTuple):
-    """What says how much work the strain of a cell stands for.
+    """Stiffness of cells, by which a strain stands for work.
 
     Attributes
     ----------
@@ -220,7 +220,7 @@ def _centres(space, number):
 
 
 def _rest(law, centres):
-    """What the stiffness of a law differs by at the centres of cells (k, 6, 6); k = 0 without."""
+    """Difference of the stiffness of a law from an isotropic one at the centres of cells (k, 6, 6); k = 0 without."""
     if not law.anisotropic:
         return np.zeros((0, 6, 6))
     some = centres.table[:1] if law.uniform else centres.table
@@ -402,7 +402,7 @@ class Deformation(NamedTuple):
 
 
 def deformations(space, fields, numbers):
-    """How far bodies are stretched and turned. *Collective.*
+    """Largest stretches and rotations of bodies. *Collective.*
 
     Parameters
     ----------

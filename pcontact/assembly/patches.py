@@ -100,7 +100,7 @@ def node_patches(space, nodes):
 
 
 def kind_of(space, region):
-    """What a group is a group of: "facets", or without any "cells", or "nodes". *Collective.*"""
+    """Kind of a group: "facets", or without any "cells", or "nodes". *Collective.*"""
     mesh = space.mesh
     facets = sum(len(one.cells) for one in mesh.facet_groups.get(region, []))
     cells = sum(len(rows) for rows in mesh.cell_groups.get(region, []))

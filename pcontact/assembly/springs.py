@@ -134,7 +134,7 @@ class GroundSprings(LinearForces):
 
 
 class SpinForces(LinearForces):
-    """What the displacement adds to the centrifugal force of bodies with finite strain: -K = rho w^2 int N P N^T.
+    """Part of the displacement in the centrifugal force of bodies with finite strain: -K = rho w^2 int N P N^T.
 
     Parameters
     ----------

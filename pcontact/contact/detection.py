@@ -119,7 +119,7 @@ class InitialGap:
 
     @property
     def known(self):
-        """Whether the gap between the undeformed bodies is known."""
+        """Return True if the gap between the undeformed bodies is known."""
         return self._base is not None
 
     def take(self, gap, paired):
@@ -133,7 +133,7 @@ class InitialGap:
         self._overlap = np.where(paired, given if self._bilateral else np.minimum(given, 0.0), 0.0)
 
     def offset(self, time):
-        """What is added to gaps (np,) at a time [length]."""
+        """Addend of gaps (np,) at a time [length]."""
         if self._table is None:
             return self._base
         times, factors = np.transpose(self._table)

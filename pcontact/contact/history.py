@@ -1,4 +1,4 @@
-"""What the points of a pair remember of load steps: status, speed, slip and wear."""
+"""Memory of the points of a pair from load step to load step: status, speed, slip and wear."""
 
 import numpy as np
 

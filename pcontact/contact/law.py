@@ -331,7 +331,7 @@ def contact_law(contact):
 
 
 def sticks_by_shear(contact):
-    """Whether points stick by what the bodies on both sides say, see `pcontact.contact.formulation.methods`."""
+    """Return True if points stick by what the bodies on both sides say, see `pcontact.contact.formulation.methods`."""
     said = contact.alpha is not None or contact.stick_stiffness is not None
     # the adjoint term weighs tangential misfits with 1 / alpha, which cells that yield do not bear
     return contact_law(contact).tangential and not said and contact.theta == 0.0

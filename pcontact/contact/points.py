@@ -1,4 +1,4 @@
-"""What kernels need of the two sides of a contact pair, as tuples of arrays."""
+"""The two sides of a contact pair as kernels take them: tuples of arrays."""
 
 from typing import NamedTuple
 
@@ -83,7 +83,7 @@ class TractionOperator(NamedTuple):
 
 
 class Excess(NamedTuple):
-    """What the stress of cells that yield, or are orthotropic, adds to the derivative of the traction.
+    """Addend of the derivative of the traction in cells that yield, or are orthotropic.
 
     See `pcontact.contact.traction`.
 

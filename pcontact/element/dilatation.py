@@ -49,7 +49,7 @@ def dilatation(grad, hoop=None):
 
 
 class Dilatation(NamedTuple):
-    """What makes the stress other than that of lam div u and mu (grad u + grad u^T) at the point itself.
+    """Mean dilatation: a stress other than that of lam div u and mu (grad u + grad u^T) at the point itself.
 
     Attributes
     ----------
@@ -103,7 +103,7 @@ class Mean(NamedTuple):
 
 
 def linear(cell, degree):
-    """Whether the mean dilatation of a kind of cells is linear, not constant."""
+    """Return True if the mean dilatation of a kind of cells is linear, not constant."""
     return degree == 2 and not CELLS[cell].is_simplex
 
 

@@ -39,7 +39,7 @@ class FacetGeometry(NamedTuple):
 
 
 class FacetPoints(NamedTuple):
-    """What kernels write of a :class:`FacetGeometry`."""
+    """Arrays that kernels write of a :class:`FacetGeometry`."""
 
     points: np.ndarray
     normals: np.ndarray
@@ -48,7 +48,7 @@ class FacetPoints(NamedTuple):
 
 
 class FacetTables(NamedTuple):
-    """What facets of one kind of cell have in common; row ``facet * nq + point`` of a table is a point of a facet.
+    """Tables of the facets of one kind of cell; row ``facet * nq + point`` of a table is a point of a facet.
 
     Attributes
     ----------

@@ -273,7 +273,7 @@ def face_nodes(cell):
 
 @_once
 def middle_weights(cell):
-    """What the middles of faces and of the cell follow in a serendipity cell of degree 2.
+    """Weights of the nodes that the middles of faces and of the cell follow in a serendipity cell of degree 2.
 
     Its displacements are those of the complete cell whose middle nodes follow the others,
 

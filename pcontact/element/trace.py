@@ -90,7 +90,7 @@ def trace_constant(cell, x, local_facet, geometry_degree, degree, lam, mu, kind=
 
 
 def _straight(cell, x, geometry_degree):
-    """Which cells have the geometry of their vertices alone, (nf,) bool."""
+    """Flags of the cells with the geometry of their vertices alone, (nf,) bool."""
     if geometry_degree == 1:
         return np.ones(len(x), dtype=bool)
     corners = x[:, : CELLS[cell].n_vertices]

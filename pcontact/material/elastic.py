@@ -38,7 +38,7 @@ def in_plane(lam, mu, kinematics):
 
 
 class Moment(NamedTuple):
-    """What a law may depend on besides strain and state.
+    """Arguments of a law besides strain and state.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ NOW = Moment()
 
 
 class Response(NamedTuple):
-    """What points add to linear elasticity.
+    """Stress and tangent that points add to linear elasticity.
 
     Attributes
     ----------

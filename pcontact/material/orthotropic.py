@@ -149,7 +149,7 @@ class Orthotropic(Elastic):
 
     @property
     def uniform(self):
-        """Whether the stiffness is the same everywhere."""
+        """Return True if the stiffness is the same everywhere."""
         return self._around is None
 
     def _turned(self, x):

@@ -96,7 +96,7 @@ def _trial(moduli, plane_stress, strain, plastic_strain, y):
 
 @njit_inline
 def _beyond_rounding(moduli, plane_stress, strain, plastic_strain, norm, radius):
-    """Whether the norm of a trial state exceeds the radius by more than rounding errors; true for NaN."""
+    """Return True if the norm of a trial state exceeds the radius by more than rounding errors, or is NaN."""
     _, shear, back = moduli
     strain_size, plastic_size = 0.0, 0.0
     for i in range(strain.shape[0]):
@@ -109,7 +109,7 @@ def _beyond_rounding(moduli, plane_stress, strain, plastic_strain, norm, radius)
 
 @njit_inline
 def flows(material, strain, plastic_strain, p, work):
-    """Whether a point yields at a strain; one exactly on the yield surface does not.
+    """Return True if a point yields at a strain; one exactly on the yield surface does not.
 
     Parameters as those of :func:`return_map`; ``work`` (m,) is overwritten.
     """
@@ -482,7 +482,7 @@ class Plastic(Elastic):
         return state[..., self.size]
 
     def energies(self, strain, state, excess):
-        """What points store beyond 1/2 eps C_e eps at a committed state, and what they have dissipated (n,) [stress].
+        """Energy that points store beyond 1/2 eps C_e eps at a committed state, and have dissipated (n,) [stress].
 
         Stored are 1/2 eps_e C_e eps_e and what Prager's back stress stores, 1/2 (2/3 Hk) eps_p eps_p; dissipated is the
         integral of the yield stress over the equivalent plastic strain. With the excess s = -C_e eps_p the first is

@@ -145,7 +145,7 @@ class PointLaw(Elastic):
         return self.plastic_strain(state[..., : self._state])
 
     def energies(self, strain, state, excess):
-        """What points store beyond that of linear elasticity at a committed state, and what they have dissipated."""
+        """Energy that points store beyond that of linear elasticity at a committed state, and have dissipated."""
         full = np.zeros((len(strain), 6))
         full[:, : strain.shape[1]] = strain
         if self.plane_stress:

@@ -377,7 +377,7 @@ def _old_elements(cursor):
 
 
 def _misfit(numbers, binary, k, kinds, n_tags, places):
-    """Why element k of version 2 cannot be read, or that too much is left behind the last one."""
+    """Return why element k of version 2 cannot be read, or that too much is left behind the last one."""
     if k == len(kinds):
         return f"found more than the {k} elements that are announced"
     at = 0

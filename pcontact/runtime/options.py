@@ -49,7 +49,7 @@ class Options:
         return next((self._new(one) and one for one in names if self._db.hasName(one)), None)
 
     def _where(self, name):
-        """Where an option was given, for messages: what was proposed and is wrong stands in the scene."""
+        """Return where an option was given, for messages: what was proposed and is wrong stands in the scene."""
         return "scene: petsc" if name in self.entered else self.said
 
     def _new(self, name):

@@ -121,7 +121,7 @@ GEOMETRY = file(f"the name of a file {', '.join(GEOMETRIES)} beside the scene")
 
 @table
 class MeshSpec:
-    """Where the mesh is and how it is used."""
+    """The mesh and its use."""
 
     file: str | Path = key(
         file("the name of a mesh file beside the scene"), "mesh file, beside the scene", option="mesh",
@@ -984,7 +984,7 @@ class Dynamics:
 
 @table
 class Output:
-    """What is written."""
+    """Choice of what is written."""
 
     fields: bool = key(
         BOOLEAN, "fields of every step", default=True, option="output_fields", more="for `pcontact view` and ParaView"

@@ -70,7 +70,7 @@ def _worded(rule):
 
 @table
 class Budget:
-    """What reaching an error may cost; then the run ends with the best answer it has, and exit status 4."""
+    """Most that reaching an error may cost; then the run ends with the best answer it has, and exit status 4."""
 
     unknowns: float | None = key(
         COUNT, "most unknowns of a mesh", default=None, otherwise="none", option="error_unknowns", said=_worded(COUNT)
@@ -123,7 +123,7 @@ class Target:
 
     @property
     def numbers(self) -> bool:
-        """Whether it is the error of a number, and not of norms alone."""
+        """Return True if it is the error of a number, and not of norms alone."""
         return any(one.quantity not in ("energy", "pressure") for one in self.each)
 
     @property

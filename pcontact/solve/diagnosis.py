@@ -1,4 +1,4 @@
-"""Why a load step may have failed: what a user can see only with difficulty."""
+"""Likely reasons of a load step that has failed: what a user can see only with difficulty."""
 
 import numpy as np
 

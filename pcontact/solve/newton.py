@@ -247,10 +247,10 @@ class Globalisation:
                 self._follow(x, y, f, 1.0 if part != 1.0 else FARTHEST)
 
     def _nears(self, x, y, first):
-        """Whether a full step is taken since something resists every motion of the bodies, as inertia does: such a load
-        step begins near where it ends, and no contact travels through bodies. The first step may close too much, which
-        the second one undoes; after that the norm of the residual, `first` at ``x``, stays below the largest of the
-        last iterates. *Collective.*"""
+        """Return True if a full step is taken since something resists every motion of the bodies, as inertia does: such
+        a load step begins near where it ends, and no contact travels through bodies. The first step may close too much,
+        which the second one undoes; after that the norm of the residual, `first` at ``x``, stays below the largest of
+        the last iterates. *Collective.*"""
         if self._problem.bulk.extrapolates or not any(item.holds for item in self._problem.others):
             return False
         self._go(x, y, 1.0)

@@ -167,7 +167,7 @@ class Space:
         self.local = self.exchange(self.nodes)
 
     def _owners(self):
-        """Who owns the nodes: of degree 1 they are the vertices of the mesh's Plex, of which PETSc numbers a section
+        """Owners of the nodes: of degree 1 they are the vertices of the mesh's Plex, of which PETSc numbers a section
         the same way. Points before the nodes come second. *Collective.*"""
         mesh = self.mesh
         if self.degree == 1 and mesh.comm.size > 1:

@@ -151,7 +151,7 @@ class PartnerUpdate:
             self._gain = max(1.0, float(part / max(np.max(expected), self.newton.snes.getTolerances()[0])))
 
     def _renewed(self, u, firm, part):
-        """Whether an item has changed its partners, with those that it has wrong by more than a part, see
+        """Return True if an item has changed its partners, with those that it has wrong by more than a part, see
         :meth:`pcontact.assembly.item.Item.renew`. *Collective.*"""
         start = clock.perf_counter()
         with profile.phase("search"):
@@ -164,8 +164,8 @@ class PartnerUpdate:
 
 
 def load_steps(problem, newton, options):
-    """What solves the load steps of a problem: a :class:`PartnerUpdate` of the items that ask for it, none where the
-    user does without, with the multipliers of contacts that have some."""
+    """Return what solves the load steps of a problem: a :class:`PartnerUpdate` of the items that ask for it, none
+    where the user does without, with the multipliers of contacts that have some."""
     most = options.get("contact_search_again")
     items = [item for item in problem.others if item.follows or (item.verifies and most > 0)]
     return PartnerUpdate(problem, newton, most or MOST, options.get("contact_partner_rtol"), items,

@@ -44,7 +44,7 @@ def _spans(end, stops):
 
 
 class Control(NamedTuple):
-    """How long load steps may get, where Newton's method says so; and how far bodies may turn in one.
+    """Longest load steps, where Newton's method decides, and largest rotation of bodies in one.
 
     Attributes
     ----------
@@ -117,16 +117,16 @@ class Schedule:
 
     @property
     def done(self):
-        """Whether the run has ended."""
+        """Return True if the run has ended."""
         return self.ends(self.time)
 
     def ends(self, time):
-        """Whether a run has ended at a time."""
+        """Return True if a run has ended at a time."""
         return time >= self.end * (1.0 - 1e-12)
 
     @property
     def at_stop(self):
-        """Whether the coming step begins at a stop, or the run does, or the phase."""
+        """Return True if the coming step begins at a stop, or the run does, or the phase."""
         return self.time in self._stops
 
     @property
@@ -160,11 +160,11 @@ class Schedule:
             self._step = min(2.0 * self._step, self._largest)
 
     def refuses(self, target, error):
-        """Whether the step to ``target`` is too long for its local error, and can be made shorter."""
+        """Return True if the step to ``target`` is too long for its local error, and can be made shorter."""
         return error > self.WRONG and self.divides(target)
 
     def divides(self, target):
-        """Whether the step to ``target`` can be halved."""
+        """Return True if the step to ``target`` can be halved."""
         return 0.5 * (target - self.time) >= self.smallest
 
     def _follow(self, taken, iterations, error):

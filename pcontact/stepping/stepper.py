@@ -69,7 +69,7 @@ class Step:
 
 
 class Stages(NamedTuple):
-    """What solving a load step has beside Newton's method; None: nothing.
+    """Parts of solving a load step beside Newton's method; None: nothing.
 
     Attributes
     ----------
@@ -229,7 +229,7 @@ class Stepper:
                 )
 
     def _tells(self, target):
-        """Whether observers are told of the load step that ends at a time."""
+        """Return True if observers are told of the load step that ends at a time."""
         if self.every or self.schedule.ends(target):
             return True
         return self._stages.energy is not None or self.problem.features.viscous is not None
@@ -274,7 +274,7 @@ class Stepper:
         return energy.account(self.u, before, begin, target)
 
     def _way(self, target):
-        """How far the bodies move if they go on as what drives them does."""
+        """Distance that the bodies move if they go on as what drives them does."""
         begin, before = self._last
         past, now, then = (self._drive(time) for time in (begin, self.schedule.time, target))
         last = now - past
@@ -331,7 +331,7 @@ class Stepper:
         return way
 
     def _jumps(self, way, imposed=0.0):
-        """Whether a motion, beside what is imposed [length], is that of bodies that jump, and do not go on so.
+        """Return True if a motion, beside what is imposed [length], is that of bodies that jump and do not go on so.
         *Collective.*"""
         space = self.problem.space
         longest = space.longest(way.getArray(readonly=True).reshape(-1, space.dim))

@@ -22,7 +22,7 @@ def add_at_nodes(weight, nodes, facet, density, out):
 
 
 class Acting(NamedTuple):
-    """What acts at the points of a source.
+    """Values that act at the points of a source.
 
     Attributes
     ----------

@@ -45,7 +45,7 @@ DEEP, EARLY = 0.03, 3
 
 
 class Contact(NamedTuple):
-    """Where the points are, a :class:`Placed`, with the partner and the motion by which they are there."""
+    """Places of the points, a :class:`Placed`, with the partner and the motion by which they are there."""
 
     partner: object
     motion: Motion
@@ -115,7 +115,7 @@ class FiniteTerms(Terms):
         return FiniteParameters(method.theta, alpha, inverse, method.gamma, self._adjoint, deep * self.source.size)
 
     def place(self, p, values):
-        """Where the points are at nodal values (n, d), without slip: a :class:`Placed`. *Collective.*"""
+        """Places of the points at nodal values (n, d), without slip: a :class:`Placed`. *Collective.*"""
         return self._contact(p, values, slides=False).placed
 
     def _contact(self, p, values, tangent=False, slides=None):
@@ -166,7 +166,7 @@ class FiniteTerms(Terms):
         return gap
 
     def approach(self, p, u, y):
-        """How far a step -y from u (distributed vectors) closes the gap (np,) [length]. *Collective.*"""
+        """Closing of the gap (np,) by a step -y from u (distributed vectors) [length]. *Collective.*"""
         values = p.exchange.gather(u)
         return self.gap(p, values) - self.gap(p, values - p.exchange.gather(y))
 
@@ -182,7 +182,7 @@ class FiniteTerms(Terms):
         return at.force, at.status
 
     def slopes(self, p, values, view):
-        """What :meth:`add_tangent` needs of the law, and status (np,). *Collective.*"""
+        """Derivatives of the law that :meth:`add_tangent` needs, and status (np,). *Collective.*"""
         contact = self._contact(p, values, tangent=True)
         at = self._acting(p, values, view, contact, sloped=True)
         return (contact, at), at.status
@@ -218,7 +218,7 @@ class FiniteTerms(Terms):
     # -- report ---------------------------------------------------------------------------------------------------
 
     def state(self, p, values, view):
-        """What `pcontact.contact.pair.ContactPair.state` says of the points. *Collective.*"""
+        """State of the points, see `pcontact.contact.pair.ContactPair.state`. *Collective.*"""
         contact = self._contact(p, values)
         at = self._acting(p, values, view, contact, p.every)
         placed = contact.placed

@@ -52,7 +52,7 @@ from pcontact.runtime.jit import njit, njit_inner
 
 
 class FiniteParameters(NamedTuple):
-    """What the terms of a pair are weighted with.
+    """Weights of the terms of a pair.
 
     Attributes
     ----------

@@ -63,7 +63,7 @@ class Layer(Penalty):
 
     @property
     def stiff(self):
-        """Whether multigrid alone fares badly."""
+        """Return True if multigrid alone fares badly."""
         return self._stiff
 
     @property
@@ -115,7 +115,7 @@ class LayerTerms(SmallTerms):
         return traction, layered(self.method, p.operator.normal, tau)[0]
 
     def slopes(self, p, values, view):
-        """What :meth:`add_tangent` needs of the law, and status (np,)."""
+        """Derivatives of the law that :meth:`add_tangent` needs, and status (np,)."""
         (status, slope), _ = super().slopes(p, values, view)
         ratio = self.method.normal(self.gap(p, values, p.acts))[1]
         return (status, turned(slope, ratio, p.operator.normal)), status

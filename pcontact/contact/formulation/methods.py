@@ -55,7 +55,7 @@ TRACELESS = {"penalty": 3.0, "augmented_lagrangian": 1.0}
 
 
 class Parameters(NamedTuple):
-    """What the terms of a pair are weighted with.
+    """Weights of the terms of a pair.
 
     Attributes
     ----------
@@ -142,7 +142,7 @@ class Method:
 
     @property
     def parameters(self):
-        """What kernels need of them."""
+        """Weights as kernels take them."""
         return Parameters(self.theta, self.alpha, self.gamma)
 
     @property
@@ -152,7 +152,7 @@ class Method:
 
     @property
     def stiff(self):
-        """Whether multigrid alone fares badly: far more than the default gamma0, or the skew tangent of theta = -1."""
+        """Return True if multigrid alone fares badly: gamma0 far above its default, or the skew tangent of theta -1."""
         return self.theta < 0.0 or self.gamma0 > STIFF * GAMMA0[self.theta]
 
     def source(self, source):
@@ -160,11 +160,11 @@ class Method:
         return source if self.has_traction else without_traction(source)
 
     def normal_traction(self, traction, normal):
-        """What stands in the place of the source's normal traction (np,), along contact normals (np, d) [stress]."""
+        """Normal traction (np,) in the place of the source's, along contact normals (np, d) [stress]."""
         return traction
 
     def traction(self, traction):
-        """What stands in the place of the source's traction (np, d) [stress]."""
+        """Traction in the place of the source's (np, d) [stress]."""
         return traction
 
     def begin(self, growth=None):
@@ -201,7 +201,7 @@ class Penalty(Method):
 
 
 def facet_columns(source):
-    """Which nodes of the parent cells are on the facets of a source.
+    """Nodes of the parent cells that are on the facets of a source.
 
     Parameters
     ----------
@@ -252,7 +252,7 @@ WEIGHT = 0.5
 
 
 def is_unbiased(contact):
-    """Whether a contact is made of halves: it says so, or it is self contact."""
+    """Return True if a contact is made of halves: it says so, or it is self contact."""
     return contact.unbiased or contact.target == contact.source
 
 

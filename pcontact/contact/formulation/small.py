@@ -169,7 +169,7 @@ class SmallTerms(Terms):
         return self._evaluate(p, values, p.every if wanted is None else wanted, without)[1]
 
     def _traction(self, p, values, wanted):
-        """What stands in the place of the traction, and jump (np, m)."""
+        """Traction that the law is given, and jump (np, m)."""
         traction, jump = self._evaluate(p, values, wanted)
         if self.law.tangential:
             self.traction.add_excess(values, p, traction)
@@ -204,7 +204,7 @@ class SmallTerms(Terms):
         return p.gap0 - np.einsum("pm,pm->p", self._jump(p, values, wanted), p.operator.normal)
 
     def approach(self, p, u, y):
-        """How far a step -y from u (distributed vectors) closes the gap (np,) [length]. *Collective.*"""
+        """Closing of the gap (np,) by a step -y from u (distributed vectors) [length]. *Collective.*"""
         return self.gap(p, p.exchange.gather(y)) - p.gap0
 
     def normal_state(self, p, values, wanted=None):
@@ -220,7 +220,7 @@ class SmallTerms(Terms):
         return self._in_space(p, force), status
 
     def slopes(self, p, values, view):
-        """What :meth:`add_tangent` needs of the law, and status (np,)."""
+        """Derivatives of the law that :meth:`add_tangent` needs, and status (np,)."""
         tau = self._augmented(p, values, p.acts)[1]
         slope = np.zeros((*tau.shape, tau.shape[1]))
         _, status = self._projected(p, view, tau, slope)
@@ -242,7 +242,7 @@ class SmallTerms(Terms):
             self.traction.add_adjoint(values, p, self._weights(p, traction, force), local)
 
     def _weights(self, p, traction, force):
-        """What the adjoint operator is tested with: theta G^-1 (P - t) (np, d), times the weights of the points."""
+        """Factor of the adjoint operator: theta G^-1 (P - t) (np, d), times the weights of the points."""
         rest, method = force - traction, self.method
         tangential = across(rest, p.operator.normal)
         factor = (method.theta * self.source.jxw / method.gamma)[:, None]
@@ -275,7 +275,7 @@ class SmallTerms(Terms):
     # -- report ---------------------------------------------------------------------------------------------------
 
     def state(self, p, values, view):
-        """What the points say beyond pressure and gap, see `pcontact.contact.pair.ContactPair.state`: with friction
+        """State of the points beyond pressure and gap, see `pcontact.contact.pair.ContactPair.state`: with friction
         ``traction`` with its tangential part, ``status``, ``slip`` of the load step (np, d) [length], and
         ``own_traction`` (np, d), that of the stress."""
         if not self.law.tangential:

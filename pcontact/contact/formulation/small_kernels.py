@@ -141,7 +141,7 @@ def _weigh(force, traction, normal, gamma, alpha, factor, out):
 
 
 class _Work(NamedTuple):
-    """What is computed anew: of each point with its nr nodes, and the sum over points of the same nodes.
+    """Work arrays of a kernel: of each point with its nr nodes, and the sum over points of the same nodes.
 
     Attributes
     ----------
@@ -225,7 +225,7 @@ def add_tangent(parameters, source, partner, operator, excess, status, slope, bl
 
 @njit_inner
 def _alike(facet, nodes, p, q):
-    """Whether two points have the same nodes."""
+    """Return True if two points have the same nodes."""
     if facet[p] != facet[q]:
         return False
     for a in range(nodes.shape[1]):

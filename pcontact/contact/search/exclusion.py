@@ -29,7 +29,7 @@ SLACK = 0.1
 
 
 class Exclusion(NamedTuple):
-    """Where points and facets are in the undeformed bodies; all arrays empty where points are not on the surface.
+    """Places of points and facets in the undeformed bodies; all arrays empty where points are not on the surface.
 
     Attributes
     ----------
@@ -102,14 +102,14 @@ def whole_branches(tree, parts):
 
 @njit_inner_exact
 def clash(one, other):
-    """Whether another pair brings two facets together: bit 2 k is for the source of pair k, 2 k + 1 for its target."""
+    """Return True if another pair brings two facets together: bit 2 k: source of pair k, 2 k + 1: its target."""
     even = 0x5555555555555555
     return one & (((other >> 1) & even) | ((other & even) << 1)) != 0
 
 
 @njit_inner_exact
 def is_around(exclusion, q, facet):
-    """Whether a facet of the body of point q is that of the point, or one that shares its cell or a node with it."""
+    """Return True if a facet of the body of point q is the point's, or shares its cell or a node with it."""
     if exclusion.parts[q] != exclusion.facet_parts[facet]:
         return False
     if exclusion.cells[q] == exclusion.facet_cells[facet]:
@@ -123,7 +123,7 @@ def is_around(exclusion, q, facet):
 
 @njit_inner_exact
 def is_own(exclusion, q, facet, kind, xi, normal, shapes):
-    """Whether a facet belongs to the neighbourhood of point q, see the head of the module.
+    """Return True if a facet belongs to the neighbourhood of point q, see the head of the module.
 
     Parameters
     ----------

@@ -250,7 +250,7 @@ def _is_inner(kind, i, j):
 
 @njit_inner_exact
 def is_grid_minimum(kind, grid, i, j):
-    """Whether a grid value is not above those beside it: a start for Newton's method.
+    """Return True if a grid value is not above those beside it: a start for Newton's method.
 
     Diagonal neighbours do not count (they may lie in another valley), nor do those at the border for an inner
     value: a valley inside must not be missed because the border is as low.
@@ -270,7 +270,7 @@ def _distance2(jet, p):
 
 @njit_inner_exact
 def _may_be_inside(kind, nodes, p, scratch):
-    """Whether the distance can be stationary inside a facet; `scratch` is (6, 9).
+    """Return True if the distance can be stationary inside a facet; `scratch` is (6, 9).
 
     The derivatives (y - p) . dy/du and (y - p) . dy/dv are, in Bezier form, positive combinations of products of
     control points and their differences: where all products have one sign there is no zero.
@@ -326,7 +326,7 @@ def _closest_on_curved(kind, local):
 
 @njit_inner_exact
 def _is_inside(kind, u, v):
-    """Whether a reference point is off the border."""
+    """Return True if a reference point is off the border."""
     if is_triangle(kind):
         return min(u, v, 1.0 - u - v) > INSIDE
     return max(abs(u), abs(v)) < 1.0 - INSIDE

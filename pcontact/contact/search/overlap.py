@@ -1,4 +1,4 @@
-"""How deep bodies lie in each other before anything is deformed."""
+"""Depth of bodies in each other before anything is deformed."""
 
 from dataclasses import replace
 

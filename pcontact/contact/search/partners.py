@@ -1,4 +1,4 @@
-"""Who is the partner of a source point: a facet of a target surface, or a rigid obstacle.
+"""Partners of source points: a facet of a target surface, or a rigid obstacle.
 
 Between ranks: source points go to the ranks whose target facets are near, partners come back.
 """
@@ -383,7 +383,7 @@ REACHED = 1e-10
 
 
 class Partners(NamedTuple):
-    """What a search finds for the points (np) of a source.
+    """Result of a search for the points (np) of a source.
 
     Attributes
     ----------
@@ -471,7 +471,7 @@ class TargetSearch:
         )  # fmt: skip
 
     def moved(self, x, start, end, origin):
-        """What partners at places (np, d), relative to the origin, move between two times apart from the displacements:
+        """Motion of partners at places (np, d), relative to the origin, between two times apart from displacements:
         (np, d), (d,) or zero [length]."""
         return 0.0
 
@@ -532,7 +532,7 @@ class ObstacleSearch:
         return Partners(gap, away, paired, ids, nodes, np.zeros((n, 0)), None)
 
     def _ways_out(self, rows, x, normal, time, about):
-        """Which of some points (n,) have a way out of the obstacle against their normals, and where it ends (m, d).
+        """Rows of points (n,) that have a way out of the obstacle against their normals, and where it ends (m, d).
         *Collective.*"""
         tolerance, origin = about
         way, ended = np.zeros(len(rows)), np.zeros(len(rows), dtype=bool)

@@ -89,7 +89,7 @@ class QueryPoints(NamedTuple):
 
 
 class Criteria(NamedTuple):
-    """Which facets may be partners.
+    """Conditions on facets that may be partners.
 
     Attributes
     ----------

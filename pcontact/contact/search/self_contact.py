@@ -154,7 +154,7 @@ def facet_ids(space, name):
 
 
 def paired_elsewhere(space, contacts, ids):
-    """Which surfaces of other pairs each facet is in, see `pcontact.contact.search.exclusion.clash`.
+    """Surfaces of other pairs that each facet is in, see `pcontact.contact.search.exclusion.clash`.
 
     Parameters
     ----------

@@ -57,7 +57,7 @@ class Boundary(NamedTuple):
 
 
 class Unjoined(NamedTuple):
-    """What was found, the same on every rank.
+    """Result of :func:`unjoined`, the same on every rank.
 
     Attributes
     ----------
@@ -158,7 +158,7 @@ def _boundary(mesh, outer, used):
 
 
 def _among(keys, some):
-    """Which of small numbers (n,) are among some others (m,)."""
+    """Flags of the small numbers (n,) that are among some others (m,)."""
     flags = np.zeros(1 + max(np.max(keys, initial=0), np.max(some, initial=0)), dtype=bool)
     flags[some] = True
     return flags[keys]
@@ -203,7 +203,7 @@ def _ask(comm, exchanger, own):
 
 @njit_exact
 def _inside(p, x, normal, near):
-    """Whether a point (d,) is on a facet with vertices (k, d), to a distance."""
+    """Return True if a point (d,) is on a facet with vertices (k, d), to a distance."""
     d = p.shape[0]
     away = 0.0
     for i in range(d):

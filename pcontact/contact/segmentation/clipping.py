@@ -311,7 +311,7 @@ def _take(polygon, m, remains, n_pieces, facet, count, tiles, work):
 
 @njit_inner_exact
 def _crosses(a, b, domain):
-    """Whether a segment from a to b has a part inside the domain."""
+    """Return True if a segment from a to b has a part inside the domain."""
     start, end, x, y = 0.0, 1.0, b[0] - a[0], b[1] - a[1]
     length = np.sqrt(x * x + y * y)
     for e in range(len(domain)):
@@ -331,7 +331,7 @@ def _crosses(a, b, domain):
 
 @njit_inner_exact
 def _is_shared(polygons, j, e):
-    """Whether edge e of polygon j is also one of another polygon, run through the other way."""
+    """Return True if edge e of polygon j is also one of another polygon, run through the other way."""
     vertices, corners = polygons.vertices, polygons.corners
     a, b = vertices[j, e], vertices[j, (e + 1) % corners[j]]
     for i in range(len(corners)):
@@ -344,7 +344,7 @@ def _is_shared(polygons, j, e):
 
 @njit_inner_exact
 def _is_covered(polygons, p, n):
-    """Whether the mean of the vertices of a polygon is in one of some polygons."""
+    """Return True if the mean of the vertices of a polygon is in one of some polygons."""
     vertices, corners = polygons.vertices, polygons.corners
     x, y = 0.0, 0.0
     for i in range(n):

@@ -1,4 +1,4 @@
-"""Where along a source facet in the plane the partner passes from one target facet to another: what two facets tell.
+"""Places along a source facet in the plane where the partner passes from one target facet to another, of two facets.
 
 Between two points of a source facet whose partners are known to be of two facets, the partner changes at one of these
 places, if at no third facet:
@@ -62,7 +62,7 @@ class Brackets(NamedTuple):
 
 
 def crossings(source, interval, partners, criteria, radius):
-    """Where the partner may change in some intervals of source facets.
+    """Places in some intervals of source facets where the partner may change.
 
     Parameters
     ----------
@@ -136,7 +136,7 @@ def _shared(nodes, i):
 
 @njit_inner_exact
 def _is_concave(brackets, rules, i, first, second, out):
-    """Whether a point is over both of two facets that meet before it leaves the first one."""
+    """Return True if a point is over both of two facets that meet before it leaves the first one."""
     leaves, enters = out[i, first], out[i, 2 + second]
     a, b = brackets.a[i], brackets.b[i]
     if np.isnan(leaves):
@@ -149,7 +149,7 @@ def _is_concave(brackets, rules, i, first, second, out):
 
 @njit_inner_exact
 def _halved(brackets, rules, i, what):
-    """Where what holds at one end of a bracket ceases to hold; nan: it does not change."""
+    """Place where what holds at one end of a bracket ceases to hold; nan: it does not change."""
     a, b = brackets.a[i], brackets.b[i]
     before = _holds(brackets, rules, i, what, a)
     if _holds(brackets, rules, i, what, b) == before:
@@ -178,7 +178,7 @@ def _source_at(source, i, s):
 
 @njit_inner_exact
 def _holds(brackets, rules, i, what, s):
-    """Whether something holds at a point s of a bracket."""
+    """Return True if something holds at a point s of a bracket."""
     kind, side, end = what
     if kind == OVER:
         return _is_over(brackets, rules[0].rays, i, side, end, s)
@@ -203,7 +203,7 @@ def _holds(brackets, rules, i, what, s):
 
 @njit_inner_exact
 def _is_over(brackets, rays, i, side, end, s):
-    """Whether the foot of a point, or its ray, is on the facet's side of one of its ends."""
+    """Return True if the foot of a point, or its ray, is on the facet's side of one of its ends."""
     x, y, along, across = _source_at(brackets.source, i, s)
     nodes = brackets.x[i, side]
     # along the facet, at the end; the middle node is the third

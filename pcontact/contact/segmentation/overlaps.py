@@ -212,7 +212,7 @@ def _ranking(frames, row, away, centre, polygons):
 
 
 def _polygons(target, frames, row, number, count, body, corners):
-    """What target facets cover of source facets: first (nf + 1,), and their polygons."""
+    """Polygons of source facets that target facets cover: first (nf + 1,), and their polygons."""
     centre = np.where((count == 3)[:, None], corners[:, :3].mean(axis=1), corners.mean(axis=1))
     ahead = np.einsum("ni,ni->n", centre - frames.centre[row], frames.normal[row])
     away = np.abs(ahead)

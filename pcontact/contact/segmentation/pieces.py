@@ -77,7 +77,7 @@ class _Seen(NamedTuple):
 
 
 class _Partners:
-    """Where on the target the partners of points of a source in the plane are, in the undeformed bodies.
+    """Places on the target of the partners of points of a source in the plane, in the undeformed bodies.
 
     Parameters
     ----------

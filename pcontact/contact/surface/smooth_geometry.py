@@ -118,7 +118,7 @@ class SmoothSurface:
         return np.where((facets.count == 3)[:, None], 0.5 * (left.sum(axis=1, keepdims=True) - 2.0 * left), 0.0)
 
     def offset(self, facet, weights):
-        """How far the smooth surface stands off points on facets.
+        """Distance of the smooth surface from points on facets.
 
         Parameters
         ----------
@@ -266,7 +266,7 @@ def _with_neighbours(space, own):
 
 
 def _is_plane(comm, normals):
-    """Whether facets of all ranks have one normal. *Collective.*"""
+    """Return True if facets of all ranks have one normal. *Collective.*"""
     spread = np.concatenate([normals.min(axis=0, initial=np.inf), -normals.max(axis=0, initial=-np.inf)])
     comm.Allreduce(MPI.IN_PLACE, spread, op=MPI.MIN)
     low, high = np.split(spread, 2)
@@ -284,7 +284,7 @@ def _facets_of(space, name):
 
 
 def beside_corners(space, name):
-    """Which facets of this rank (nf,) of a group have convex edges, in the plane vertices, of more than `EDGE`.
+    """Flags of the facets of this rank (nf,) of a group with convex edges, in the plane vertices, of more than `EDGE`.
     *Collective.*"""
     own = _facets_of(space, name)[0]
     every = _with_neighbours(space, own)
@@ -292,7 +292,7 @@ def beside_corners(space, name):
 
 
 def has_corner(space, name):
-    """Whether a surface has convex edges, in the plane vertices, of more than `EDGE`. *Collective.*"""
+    """Return True if a surface has convex edges, in the plane vertices, of more than `EDGE`. *Collective.*"""
     return space.comm.allreduce(bool(beside_corners(space, name).any()), op=MPI.LOR)
 
 
@@ -334,7 +334,7 @@ def smooth_surface(space, name, fitted):
 
 
 class Chords:
-    """What straight facets do to the gap of a pair: taken off, or measured where that is not asked for.
+    """Error of straight facets in the gap of a pair: taken off, or measured where that is not asked for.
 
     Facets do harm where surfaces conform, and the pressure has to close the gaps of the chords. Bodies that are bent
     against each other (Hertz) flatten where they touch, and their facets with them. A facet counts as conforming where
@@ -414,7 +414,7 @@ class Chords:
 
 
 def _bent(x, weight, facet, value):
-    """How far values (np,) at points x (np, d) of facets (np,) are from linear ones: root of mean squares (nf,)."""
+    """Distance of values (np,) at points x (np, d) of facets (np,) from linear ones: root of mean squares (nf,)."""
     n, d = int(np.max(facet, initial=-1)) + 1, x.shape[1]
 
     def summed(values):
@@ -432,7 +432,7 @@ def _bent(x, weight, facet, value):
 
 
 def _measures(items):
-    """Whether the items of a contact measure what their facets do."""
+    """Return True if the items of a contact measure what their facets do."""
     return all(item.search.chords is not None and not item.search.chords.applied for item in items)
 
 
@@ -452,7 +452,7 @@ def _wrong(items, weights):
 
 
 def facet_error(items, states):
-    """How far, in about, straight facets put the contact pressure wrong. *Collective.*
+    """Estimated error of the contact pressure by straight facets. *Collective.*
 
     Parameters
     ----------

@@ -120,7 +120,7 @@ def _beside(turn, facet):
 
 
 def _smooth(facet, angle):
-    """Which of the edges (n,) between facets (n, 2) belong to a smooth surface."""
+    """Flags of the edges (n,) between facets (n, 2) that belong to a smooth surface."""
     size, convex = np.abs(angle), angle > 0.0
     along = np.where(convex, _beside(size * convex, facet), _beside(size * ~convex, facet))
     goes_on = (size <= ISOLATED * along) | (size <= SLIGHT * _beside(size, facet))

@@ -161,7 +161,7 @@ class TargetTraction:
         return np.zeros(0, np.int64) if self.is_linear else self._space.nodes[cells].ravel()
 
     def _is_rigid(self, cells):
-        """Which of some cells (n, nn) have no node that is free to move."""
+        """Flags of the cells (n, nn) that have no node that is free to move."""
         rigid = self._bulk.rigid
         return np.zeros(len(cells), dtype=bool) if rigid is None else rigid[cells].all(axis=1)
 
