@@ -204,14 +204,8 @@ class Exchanger:
         -------
         ndarray (n, w)
         """
-        sends, order = split_by_rank(homes, rows)
-        heard = self(sends, rows.dtype, rows.shape[1])
-        said = answer(np.concatenate([rows[:0], *heard.values()]))
-        ends = np.cumsum([len(part) for part in heard.values()])[:-1]
-        told = self(dict(zip(heard, np.split(said, ends), strict=True)) if heard else {}, said.dtype, said.shape[1])
-        result = np.empty((len(rows), said.shape[1]), said.dtype)
-        result[order] = np.concatenate([said[:0], *(told[rank] for rank in sorted(sends))])
-        return result
+        asked = Asked(self, homes, rows)
+        return asked.reply(answer(asked.rows))
 
     def sharers(self, homes, numbers):
         """Other ranks that have the same numbers: rows (m, 2) of number and rank, one for each rank. *Collective.*
@@ -315,6 +309,62 @@ def split_by_rank(ranks, array):
     values, starts = np.unique(ranks[order], return_index=True)
     pieces = np.split(array[order], starts[1:]) if len(values) else []
     return {int(r): p for r, p in zip(values, pieces, strict=True)}, order
+
+
+class Asked:
+    """Rows that all ranks ask others about; each rank answers those that came to it. *Collective.*
+
+    Parameters
+    ----------
+    exchanger : Exchanger
+    homes : ndarray (n,) of int
+        The ranks that are asked.
+    rows : ndarray (n, k)
+
+    Attributes
+    ----------
+    rows : ndarray (m, k)
+        Rows that came here.
+    """
+
+    def __init__(self, exchanger, homes, rows):
+        self._exchanger = exchanger
+        sends, self._order = split_by_rank(homes, rows)
+        heard = exchanger(sends, rows.dtype, rows.shape[1])
+        self.rows = np.concatenate([rows[:0], *heard.values()])
+        self._ends = np.cumsum([0, *(len(part) for part in heard.values())])
+        self._from, self._of = list(heard), sorted(sends)
+        self._starts = np.cumsum([0, *(len(sends[rank]) for rank in self._of)])
+
+    def reply(self, said):
+        """Return what ranks say (n, w) of the rows, in their order, from what this one says (m, w). *Collective.*"""
+        told = self._back(np.split(said, self._ends[1:-1]), said)
+        result = np.empty((len(self._order), said.shape[1]), said.dtype)
+        result[self._order] = np.concatenate([said[:0], *told])
+        return result
+
+    def reply_some(self, which, said):
+        """The same where a row may have any number of answers: this one's are those of rows `which` (l,), ascending.
+        *Collective.*
+
+        Returns
+        -------
+        rows : ndarray (j,)
+        answers : ndarray (j, w) of float
+        """
+        table = np.column_stack([which, said]).astype(float, copy=False)
+        parts = np.split(table, np.searchsorted(which, self._ends[1:-1]))
+        for first, part in zip(self._ends, parts, strict=False):
+            part[:, 0] -= first
+        told = self._back(parts, table)
+        for start, part in zip(self._starts, told, strict=False):
+            part[:, 0] += start
+        table = np.concatenate([table[:0], *told])
+        return self._order[table[:, 0].astype(np.int64)], table[:, 1:]
+
+    def _back(self, parts, table):
+        told = self._exchanger(dict(zip(self._from, parts, strict=False)), table.dtype, table.shape[1])
+        return [told[rank] for rank in self._of]
 
 
 class NodeExchange:

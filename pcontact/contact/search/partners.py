@@ -13,7 +13,7 @@ from pcontact.contact.search.tree import build_tree, normal_cones
 from pcontact.contact.surface.facet_maps import facet_boxes, padded
 from pcontact.runtime import profile
 from pcontact.runtime.jit import njit_exact
-from pcontact.runtime.parallel import split_by_rank, together
+from pcontact.runtime.parallel import Asked, together
 from pcontact.runtime.petsc import MPI
 
 
@@ -261,9 +261,8 @@ class PartnerSearch:
         self._width = int(space.comm.allreduce(target.nodes.shape[1], op=MPI.MAX))
         target.nodes = padded(target.nodes, self._width)
         self._searched = _Searched(target, x_facets, method, space, criteria, facets)
-        # columns of an answer: what it begins with, y, normal, nodes, shape functions, place; offset, facet
-        d, more = space.dim, (target.smooth is not None, facets)
-        self._columns = [5, 3 * d + 1 + 2 * self._width, more[0] * d, more[1] * d * target.x.shape[1]]
+        # columns of an answer beyond those that all have: offset, facet
+        self._columns = (target.smooth is not None) * space.dim, facets * space.dim * target.x.shape[1]
         self._boxes = None if space.comm.size == 1 else facet_boxes(x_facets, target.kinds)
 
     def __call__(self, query, about=None):
@@ -275,14 +274,12 @@ class PartnerSearch:
             count = n_points
             found, answers, candidates = self._searched.project(asking, query.radius, query.patience)
         else:
-            found, answers, candidates, count = _remote(
-                space, self._searched, self._boxes, asking, query.radius, sum(self._columns)
-            )
+            found, answers, candidates, count = _remote(space, self._searched, self._boxes, asking, query.radius)
         profile.count(searches=1, points=n_points, asked=count, candidates=candidates)
         winner = _best(found, answers, n_points, d)
         rows = np.flatnonzero(winner >= 0)
         best = answers[winner[rows]]
-        offset, facets = (np.zeros((n_points, columns)) if columns else None for columns in self._columns[2:])
+        offset, facets = (np.zeros((n_points, columns)) if columns else None for columns in self._columns)
         out = Found(
             np.full(n_points, -1, dtype=np.int64),
             np.zeros((n_points, d)),
@@ -297,7 +294,7 @@ class PartnerSearch:
             None if facets is None else facets.reshape(n_points, self._target.x.shape[1], d),
         )
         out.id[rows], out.gap[rows], out.held[rows] = best[:, 0], best[:, 2], best[:, 3]
-        ends = np.cumsum([5, d, d, width, width, 1 + d, self._columns[2]])
+        ends = np.cumsum([5, d, d, width, width, 1 + d, self._columns[0]])
         _, *parts = np.split(best, ends, axis=1)
         out.y[rows], out.normal[rows], out.nodes[rows], out.shape[rows], out.place[rows], *rest = parts
         for told, values in zip((offset, facets), rest, strict=True):
@@ -306,7 +303,7 @@ class PartnerSearch:
         return out
 
 
-def _remote(space, searched, boxes, asking, radius, columns):
+def _remote(space, searched, boxes, asking, radius):
     """Ask the ranks whose boxes are near, answer those who ask here. *Collective.*
 
     First each point asks the rank with the nearest box, then those others whose boxes are nearer than the partner that
@@ -322,7 +319,7 @@ def _remote(space, searched, boxes, asking, radius, columns):
     found, answers, candidates, count = [], [], 0, 0
     for which, patience in ((first, PATIENCE), (~first, PATIENCE), (left, everything)):
         k, point = np.nonzero(which & (away <= farthest) & (away < np.inf))
-        rows, table, tried = _ask(space, searched, (asking[point], farthest[point], patience), ranks[k], columns)
+        rows, table, tried = _ask(space, searched, (asking[point], farthest[point], patience), ranks[k])
         unknown = table[:, 0] == GIVEN_UP
         left[k[rows[unknown]], point[rows[unknown]]] = True
         rows, table = point[rows[~unknown]], table[~unknown]
@@ -334,8 +331,8 @@ def _remote(space, searched, boxes, asking, radius, columns):
     return np.concatenate(found), np.concatenate(answers), candidates, count
 
 
-def _ask(space, searched, asked, rank, columns):
-    """Send points to ranks and bring back the answers (columns). *Collective.*
+def _ask(space, searched, asked, rank):
+    """Send points to ranks and bring back the answers. *Collective.*
 
     Parameters
     ----------
@@ -352,25 +349,9 @@ def _ask(space, searched, asked, rank, columns):
         See :meth:`_Searched.project`.
     """
     asking, radius, patience = asked
-    n_columns = asking.shape[1] + 1
-    sends, order = split_by_rank(rank, np.column_stack([asking, radius]))
-    asked = space.exchanger(sends, np.float64, n_columns)
-    joined = np.concatenate(list(asked.values())) if asked else np.zeros((0, n_columns))
-    rows, answers, candidates = searched.project(joined[:, :-1], np.ascontiguousarray(joined[:, -1]), patience)
-    # back go the rows, as the one who asked counts them, and the answers
-    ends = np.cumsum([len(a) for a in asked.values()])
-    replies, low = {}, 0
-    for r, end in zip(asked, ends, strict=True):
-        high = low + np.searchsorted(rows[low:], end)
-        own = rows[low:high] - (end - len(asked[r]))
-        replies[r], low = np.column_stack([own, answers[low:high]]), high
-    back, start, parts = space.exchanger(replies, np.float64, columns + 1), 0, []
-    for r in sorted(sends):
-        back[r][:, 0] += start
-        parts.append(back[r])
-        start += len(sends[r])
-    table = np.concatenate([np.zeros((0, columns + 1)), *parts])
-    return order[table[:, 0].astype(np.int64)], table[:, 1:], candidates
+    asked = Asked(space.exchanger, rank, np.column_stack([asking, radius]))
+    rows, answers, candidates = searched.project(asked.rows[:, :-1], np.ascontiguousarray(asked.rows[:, -1]), patience)
+    return *asked.reply_some(rows, answers), candidates
 
 
 # [cosine] Smallest one between the normals of a source point and its obstacle.

@@ -186,6 +186,43 @@ def _select(centre, axis, order, a, b, middle):
             return
 
 
+@njit_exact
+def _fill_meeting(tree, low, high, asked, found):
+    """Write pairs of a box (low, high) and a facet (place in the tree's order) whose boxes meet; how many there are."""
+    count, stack, d = 0, np.empty(STACK_SIZE, dtype=np.int64), low.shape[1]
+    for q in range(len(low) if len(tree.lower) else 0):
+        stack[0], depth = 0, 1
+        while depth > 0:
+            depth -= 1
+            node, apart = stack[depth], False
+            for k in range(d):
+                apart = apart or tree.lower[node, k] > high[q, k] or tree.upper[node, k] < low[q, k]
+            if apart:
+                continue
+            if tree.child[node] >= 0:
+                stack[depth], stack[depth + 1] = tree.child[node], tree.child[node] + 1
+                depth += 2
+                continue
+            for i in range(tree.first[node], tree.last[node]):
+                apart = False
+                for k in range(d):
+                    apart = apart or tree.facet_lower[i, k] > high[q, k] or tree.facet_upper[i, k] < low[q, k]
+                if not apart:
+                    if count < len(asked):
+                        asked[count], found[count] = q, i
+                    count += 1
+    return count
+
+
+def meeting(tree, low, high):
+    """Pairs of boxes (n, d) and facets of a tree whose boxes meet: numbers of the box, ascending, and of the facet."""
+    arguments, none = (tree, np.ascontiguousarray(low), np.ascontiguousarray(high)), np.zeros(0, dtype=np.int64)
+    room = _fill_meeting(*arguments, none, none)
+    asked, found = np.zeros(room, dtype=np.int64), np.zeros(room, dtype=np.int64)
+    _fill_meeting(*arguments, asked, found)
+    return asked, tree.order[found]
+
+
 # angle of a cone that leaves nothing out
 ALL = np.pi
 # added to all cones: ties of distances leave the direction of a nearest point open by so much [rad]
@@ -241,7 +278,7 @@ def normal_cones(tree, x_facets, kinds, corners, exclusion=None):
     nf, d = len(kinds), x_facets.shape[2]
     alone, rings = np.zeros((nf, 4)), np.zeros((nf, 4))
     _fill_facets(x_facets, kinds, alone)
-    _fill_rings(*_meeting(corners, kinds), kinds, d, alone, rings)
+    _fill_rings(*_around(corners, kinds), kinds, d, alone, rings)
     n_nodes = tree.child.size
     cones = np.empty((n_nodes + nf, 4))
     cones[n_nodes:] = rings[tree.order]
@@ -259,7 +296,7 @@ def normal_cones(tree, x_facets, kinds, corners, exclusion=None):
     return Cones(*axes, lower, upper, parts)
 
 
-def _meeting(corners, kinds):
+def _around(corners, kinds):
     """Corners (nf, k) by numbers from 0 on; the facets at corner a are around[first[a]:first[a + 1]]."""
     own = np.arange(corners.shape[1]) < CORNERS[kinds][:, None]
     row, column = np.nonzero(own)

@@ -10,11 +10,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pcontact.contact.search.tree import STACK_SIZE, build_tree
+from pcontact.contact.search.partners import route
+from pcontact.contact.search.tree import build_tree, meeting
 from pcontact.element.reference import CELLS, facet_nodes
 from pcontact.mesh.mesh import bounding_box
 from pcontact.mesh.topology import outer_facets
 from pcontact.runtime.jit import njit_exact
+from pcontact.runtime.parallel import Asked
 from pcontact.runtime.petsc import MPI
 
 # what two facets on each other are: surfaces of two bodies without contact, a cut of one body at which a group of the
@@ -137,7 +139,7 @@ def _boundary(mesh, outer, used):
     for facets in outer:
         block = mesh.blocks[facets.block]
         key = facets.cells * 8 + facets.local
-        said, named = (_among(key, marked[which][facets.block] @ [8, 1]) for which in (True, False))
+        said, named = (np.isin(key, marked[which][facets.block] @ [8, 1]) for which in (True, False))
         cells, local, named = facets.cells[~said], facets.local[~said], named[~said]
         x = mesh.points[block.nodes[cells[:, None], facet_nodes(facets.cell, 1)[local]]]
         # the last vertex of a triangle twice
@@ -157,13 +159,6 @@ def _boundary(mesh, outer, used):
     return Boundary(*(np.ascontiguousarray(np.concatenate(column)) for column in zip(*parts, strict=True)))
 
 
-def _among(keys, some):
-    """Flags of the small numbers (n,) that are among some others (m,)."""
-    flags = np.zeros(1 + max(np.max(keys, initial=0), np.max(some, initial=0)), dtype=bool)
-    flags[some] = True
-    return flags[keys]
-
-
 def _ask(comm, exchanger, own):
     """For each facet what it lies on, twice one of the words above plus 1 if vertices are the same, and which body.
 
@@ -171,33 +166,24 @@ def _ask(comm, exchanger, own):
     inside the first. Third, whether facets that it is near to end at all its vertices.
     """
     n, width, d = own.x.shape
-    tree = build_tree(own.x.min(axis=1), own.x.max(axis=1))
-    empty = np.full(d, np.inf)
-    box = np.concatenate([tree.lower[0], tree.upper[0]]) if n else np.concatenate([empty, -empty])
-    boxes = np.array(comm.allgather(box))
-    centre = _centres(own.x)
+    low, high, centre = own.x.min(axis=1), own.x.max(axis=1), _centres(own.x)
+    ranks, away = route(comm, low, high, centre, WIDE * float(np.max(own.near, initial=0.0)))
+    k, rows = np.nonzero(away <= WIDE * own.near)
     table = np.column_stack([own.x.reshape(n, width * d), own.normal, own.near, own.component, own.named])
-    reach = WIDE * own.near[:, None]
-    touched = np.zeros((n, width), dtype=np.bool_)
-    sends, rows = {}, {}
-    for rank, (low, high) in enumerate(zip(boxes[:, :d], boxes[:, d:], strict=True)):
-        inside = np.all((centre >= low - reach) & (centre <= high + reach), axis=1)
-        if inside.any():
-            sends[rank], rows[rank] = table[inside], np.flatnonzero(inside)
-    answers = {}
-    for rank, asked in exchanger(sends, np.float64, table.shape[1]).items():
-        x, normal, numbers = np.split(asked, [width * d, width * d + d], axis=1)
-        near, component, named = (np.ascontiguousarray(column) for column in numbers.T)
-        query = Boundary(
-            np.ascontiguousarray(x).reshape(-1, width, d), np.ascontiguousarray(normal), near,
-            component.astype(np.int64), named.astype(np.int64),
-        )  # fmt: skip
-        answers[rank] = np.zeros((len(asked), 2), dtype=np.int64)
-        _lie_on(tree, own, query, _centres(query.x), touched, answers[rank])
+    asked = Asked(exchanger, ranks[k], table[rows])
+    x, normal, numbers = np.split(asked.rows, [width * d, width * d + d], axis=1)
+    near, component, named = (np.ascontiguousarray(column) for column in numbers.T)
+    query = Boundary(np.ascontiguousarray(x).reshape(-1, width, d), np.ascontiguousarray(normal), near,
+                     component.astype(np.int64), named.astype(np.int64))  # fmt: skip
+    touched, answers, centre = np.zeros((n, width), np.bool_), np.zeros((len(x), 2), np.int64), _centres(query.x)
+    reach = WIDE * near[:, None]
+    _lie_on(*meeting(build_tree(low, high), centre - reach, centre + reach), own, query, centre, touched, answers)
     kind, other = np.zeros((2, n), dtype=np.int64)
-    for rank, part in exchanger(answers, np.int64, 2).items():
-        better = part[:, 0] > kind[rows[rank]]
-        kind[rows[rank][better]], other[rows[rank][better]] = part[better].T
+    found = asked.reply(answers)
+    np.maximum.at(kind, rows, found[:, 0])
+    # of several ranks the first one
+    best = np.flatnonzero(found[:, 0] == kind[rows])[::-1]
+    other[rows[best]] = found[best, 1]
     return kind, other, touched.all(axis=1)
 
 
@@ -246,45 +232,29 @@ def _touch(x, y, near, touched):
 
 
 @njit_exact
-def _lie_on(tree, own, query, centres, touched, out):
-    """For facets that are asked about (`query`) what they lie on among those of the tree (`own`).
+def _lie_on(asking, near, own, query, centres, touched, out):
+    """For facets that are asked about (`query`) what they lie on, among facets ``near`` (m,) to those `asking` (m,).
 
-    centres (n, d): of the facets asked about; touched (n_facets, k): vertices of the facets of the tree at which facets
+    centres (n, d): of the facets asked about; touched (n_facets, k): vertices of this rank's facets at which facets
     near to them end; out (n, 2): see `_ask`.
     """
-    d, width = centres.shape[1], query.x.shape[1]
-    stack, vertices = np.empty(STACK_SIZE, dtype=np.int64), np.zeros(width, dtype=np.bool_)
-    for q in range(centres.shape[0] if own.x.shape[0] > 0 else 0):
-        stack[0], depth = 0, 1
-        while depth > 0:
-            depth -= 1
-            node = stack[depth]
-            apart = False
-            for i in range(d):
-                p = centres[q, i]
-                reach = WIDE * query.near[q]
-                apart = apart or p < tree.lower[node, i] - reach or p > tree.upper[node, i] + reach
-            if apart:
-                continue
-            if tree.child[node] >= 0:
-                stack[depth], stack[depth + 1] = tree.child[node], tree.child[node] + 1
-                depth += 2
-                continue
-            for place in range(tree.first[node], tree.last[node]):
-                f = tree.order[place]
-                cosine = 0.0
-                for i in range(d):
-                    cosine += query.normal[q, i] * own.normal[f, i]
-                close = min(query.near[q], own.near[f])
-                if cosine > CURVED or not _inside(centres[q], own.x[f], own.normal[f], WIDE * close):
-                    continue
-                kind = APART
-                if own.component[f] == query.component[q]:
-                    kind = NAMED if own.named[f] + query.named[q] > 0 else CUT
-                if kind == CUT:
-                    _touch(own.x[f], query.x[q], close, touched[f])
-                if cosine > FACING or not _inside(centres[q], own.x[f], own.normal[f], close):
-                    continue
-                kind = 2 * kind + (_touch(query.x[q], own.x[f], close, vertices) == width)
-                if kind > out[q, 0]:
-                    out[q, 0], out[q, 1] = kind, own.component[f]
+    width = query.x.shape[1]
+    vertices = np.zeros(width, dtype=np.bool_)
+    for k in range(len(asking)):
+        q, f = asking[k], near[k]
+        cosine = 0.0
+        for i in range(centres.shape[1]):
+            cosine += query.normal[q, i] * own.normal[f, i]
+        close = min(query.near[q], own.near[f])
+        if cosine > CURVED or not _inside(centres[q], own.x[f], own.normal[f], WIDE * close):
+            continue
+        kind = APART
+        if own.component[f] == query.component[q]:
+            kind = NAMED if own.named[f] + query.named[q] > 0 else CUT
+        if kind == CUT:
+            _touch(own.x[f], query.x[q], close, touched[f])
+        if cosine > FACING or not _inside(centres[q], own.x[f], own.normal[f], close):
+            continue
+        kind = 2 * kind + (_touch(query.x[q], own.x[f], close, vertices) == width)
+        if kind > out[q, 0]:
+            out[q, 0], out[q, 1] = kind, own.component[f]

@@ -11,13 +11,12 @@ from functools import cached_property
 import numpy as np
 
 from pcontact.contact.search.partners import route
-from pcontact.contact.search.tree import build_tree
+from pcontact.contact.search.tree import build_tree, meeting
 from pcontact.contact.segmentation.clipping import Polygons, Tiles, clip, tile
 from pcontact.contact.surface.facet_maps import SQUARE_CORNERS, TRIANGLE_CORNERS, facet_boxes
 from pcontact.element.reference import facet_nodes
 from pcontact.element.shape import shape, shape_gradient
-from pcontact.runtime.jit import njit_exact
-from pcontact.runtime.parallel import split_by_rank
+from pcontact.runtime.parallel import Asked
 
 # how far along its normal a facet looks for those it is cut by, over its extent
 REACH = 2.0
@@ -101,47 +100,6 @@ def _corners(kind):
     return TRIANGLE_CORNERS if kind == "triangle" else SQUARE_CORNERS
 
 
-@njit_exact
-def _overlapping(tree, low, high, asked, found):
-    """Pairs of a box (low, high) and a facet (place in the tree's order) whose boxes meet; how many there are."""
-    lower, upper, child, first, last = tree.lower, tree.upper, tree.child, tree.first, tree.last
-    facet_lower, facet_upper = tree.facet_lower, tree.facet_upper
-    count, stack = 0, np.empty(128, dtype=np.int64)
-    d = lower.shape[1]
-    for q in range(len(low) if len(lower) else 0):
-        stack[0], depth = 0, 1
-        while depth > 0:
-            depth -= 1
-            node, apart = stack[depth], False
-            for k in range(d):
-                apart = apart or lower[node, k] > high[q, k] or upper[node, k] < low[q, k]
-            if apart:
-                continue
-            if child[node] >= 0:
-                stack[depth], stack[depth + 1] = child[node], child[node] + 1
-                depth += 2
-                continue
-            for i in range(first[node], last[node]):
-                apart = False
-                for k in range(d):
-                    apart = apart or facet_lower[i, k] > high[q, k] or facet_upper[i, k] < low[q, k]
-                if not apart:
-                    if count < len(asked):
-                        asked[count], found[count] = q, i
-                    count += 1
-    return count
-
-
-def _meeting(target, tree, low, high):
-    """Rows of the target's facets whose boxes meet some boxes (n, 3): numbers of the box and of the facet."""
-    arguments = tree, np.ascontiguousarray(low), np.ascontiguousarray(high)
-    none = np.zeros(0, dtype=np.int64)
-    room = _overlapping(*arguments, none, none)
-    asked, found = np.zeros(room, dtype=np.int64), np.zeros(room, dtype=np.int64)
-    _overlapping(*arguments, asked, found)
-    return asked, tree.order[found]
-
-
 def _faced(space, target, low, high):
     """Target facets of all ranks whose boxes meet those of this rank's source facets. *Collective.*
 
@@ -159,20 +117,12 @@ def _faced(space, target, low, high):
     half = 0.5 * np.linalg.norm(high - low, axis=1)
     ranks, away = route(space.comm, *boxes, 0.5 * (low + high), float(np.max(half, initial=0.0)))
     box, k = np.nonzero((away <= half).T)
-    rank = ranks[k]
-    sends, order = split_by_rank(rank, np.column_stack([low[box], high[box]]))
-    place = np.split(box[order], np.cumsum([len(sends[r]) for r in sorted(sends)])[:-1]) if sends else []
-    answers = {}
-    for r, asked in space.exchanger(sends, np.float64, 6).items():
-        query, facet = _meeting(target, tree, asked[:, :3], asked[:, 3:])
-        corners = target.x[facet][:, [0, 1, 2, 3 if target.x.shape[1] > 3 else 2]].reshape(-1, 12)
-        numbers = query, target.ids[facet], KIND_CORNERS[target.kinds[facet]], target.components[facet]
-        answers[r] = np.column_stack([*numbers, corners])
-    told = space.exchanger(answers, np.float64, 16)
-    rows = [place[k][told[r][:, 0].astype(np.int64)] for k, r in enumerate(sorted(sends))]
-    heard = np.concatenate([np.zeros((0, 16)), *(told[r] for r in sorted(sends))])
-    row = np.concatenate([np.zeros(0, dtype=np.int64), *rows])
-    return row, *heard[:, 1:4].astype(np.int64).T, heard[:, 4:].reshape(-1, 4, 3)
+    asked = Asked(space.exchanger, ranks[k], np.column_stack([low[box], high[box]]))
+    query, facet = meeting(tree, asked.rows[:, :3], asked.rows[:, 3:])
+    corners = target.x[facet][:, [0, 1, 2, 3 if target.x.shape[1] > 3 else 2]].reshape(-1, 12)
+    numbers = target.ids[facet], KIND_CORNERS[target.kinds[facet]], target.components[facet]
+    row, heard = asked.reply_some(query, np.column_stack([*numbers, corners]))
+    return box[row], *heard[:, :3].astype(np.int64).T, heard[:, 3:].reshape(-1, 4, 3)
 
 
 def _convex(polygons, corners):

@@ -45,7 +45,7 @@ from pcontact.contact.surface.sides import at_places, source_surface
 from pcontact.contact.traction.small import LocalCells, Traction
 from pcontact.element.reference import CELLS, facet_nodes
 from pcontact.element.shape import shape as shape_at
-from pcontact.runtime.parallel import split_by_rank
+from pcontact.runtime.parallel import Asked
 from pcontact.runtime.petsc import MPI
 
 # [facet sizes] Gap up to which the partner of a point has a part in the traction. From: chosen, as far as facets get
@@ -240,23 +240,18 @@ class TargetTraction:
 
     def _replies(self, table):
         """Rows (n, k) for the partners on this rank, at the points (np, k) that asked for them. *Collective.*"""
-        ranks, ends = [rank for rank, _ in self._asked], np.cumsum([count for _, count in self._asked])
-        replies = dict(zip(ranks, np.split(table, ends[:-1]), strict=True)) if ranks else {}
-        back = self._space.exchanger(replies, np.float64, table.shape[1])
         out = np.zeros((self._count, table.shape[1]))
-        if len(self._order):
-            out[self._order] = np.concatenate([back[rank] for rank in sorted(back)])
+        out[self._rows] = self._asked.reply(table)
         return out
 
     def ask(self, found, rows, columns, nodal, m):
         """Answers of the partners of some points (n,) of a source: the arrays of :meth:`_answer`, of all points (np,),
         with as many columns on all ranks; zero for the others. *Collective.*"""
         d, width, place = self._space.dim, self._width, found.place[rows]
-        sends, order = split_by_rank(place[:, 0].astype(np.int64), np.column_stack([place[:, 1:], columns]))
-        asked = self._space.exchanger(sends, np.float64, 2 * d + 1)
-        self._order, self._count = rows[order], len(found.paired)
-        self._asked = [(rank, len(one)) for rank, one in asked.items()]
-        answers = self._answer(np.concatenate([np.zeros((0, 2 * d + 1)), *asked.values()]), nodal, m)
+        table = np.column_stack([place[:, 1:], columns])
+        self._rows, self._count = rows, len(found.paired)
+        self._asked = Asked(self._space.exchanger, place[:, 0].astype(np.int64), table)
+        answers = self._answer(self._asked.rows, nodal, m)
         n, shapes = len(answers[0]), [(width,), (width, m, d), (5 + d,)]
         wide = [np.zeros((n, *shape)) for shape in shapes]
         for whole, part in zip(wide, answers, strict=True):
