@@ -8,7 +8,7 @@ from pcontact.assembly.geometry import CHUNK
 from pcontact.element.dilatation import components, factors, linear
 from pcontact.element.geometry import gradients
 from pcontact.element.quadrature import quadrature
-from pcontact.element.shape import shape, shape_gradient
+from pcontact.element.reference import shape, shape_gradient
 from pcontact.material.mandel import HALF
 from pcontact.runtime.petsc import MPI
 

@@ -26,12 +26,11 @@ from pcontact.element.reference import CELLS, facet_kinds
 from pcontact.material.elastic import Elastic
 from pcontact.material.finite import FiniteMaterial
 from pcontact.material.laws import ADDED, small_strain
-from pcontact.mesh.by_place import BY_PLACE
 from pcontact.mesh.distribute import load_mesh
 from pcontact.mesh.geometry.moving import put_on
 from pcontact.mesh.hdf5 import is_converted
 from pcontact.mesh.mesh import bounding_box
-from pcontact.mesh.raw import RawMesh
+from pcontact.mesh.raw import BY_PLACE, RawMesh
 from pcontact.mesh.topology import OTHER, cut, missing, without
 from pcontact.pairs import contact_reports, oriented, since_of, tied_pairs
 from pcontact.runtime import log, profile
@@ -43,9 +42,8 @@ from pcontact.scene.expressions import Condition
 from pcontact.scene.functions import Prescribed, require_no_code
 from pcontact.scene.integrators import INTEGRATORS
 from pcontact.scene.keys import options as key_options
-from pcontact.scene.model import LOCKING, POOR, RUBBER, Contact
+from pcontact.scene.model import LOCKING, POOR, RUBBER, Contact, place
 from pcontact.scene.phases import groups_of, left, scene_of
-from pcontact.scene.places import place
 from pcontact.scene.regions import check_apart, check_dimension, check_lost, check_radius, check_region, check_regions
 from pcontact.scene.target import Budget, Target
 from pcontact.scene.validate import resolve_contacts, unsafe, validate

@@ -10,14 +10,14 @@ from pcontact.contact.formulation.methods import coercive, contacts_of_halves, h
 from pcontact.contact.law import ADDED, contact_law, sticks_by_shear
 from pcontact.contact.pair import NOTHING_MORE, Setting, contact_pair
 from pcontact.contact.report import ContactReport
-from pcontact.contact.search.overlap import overlap
+from pcontact.contact.search.partners import overlap
 from pcontact.contact.search.self_contact import burdened, meetings, outer_surfaces, paired_elsewhere, self_surface
 from pcontact.contact.segmentation.pieces import cut_source
 from pcontact.contact.surface.facet_maps import KIND
 from pcontact.contact.surface.obstacle import RigidObstacle, RigidSurface
 from pcontact.contact.surface.sides import components_of, diameters, extents, source_surface, target_surface
 from pcontact.contact.surface.smooth_geometry import Chords, has_corner, smooth_surface
-from pcontact.contact.traction.target import is_two_sided
+from pcontact.contact.traction.small import is_two_sided
 from pcontact.mesh.mesh import size_of
 from pcontact.mesh.read import read_surface
 from pcontact.runtime import log

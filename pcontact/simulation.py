@@ -37,8 +37,8 @@ from pcontact.solve.vibration import frequencies
 from pcontact.space.modes import near_null_space
 from pcontact.space.space import carried
 from pcontact.stepping.energy import EnergyBalance
+from pcontact.stepping.load_step import load_steps
 from pcontact.stepping.loose import LooseBodies
-from pcontact.stepping.partner_update import load_steps
 from pcontact.stepping.record import Recorder
 from pcontact.stepping.schedule import Control, Schedule
 from pcontact.stepping.snaps import Snaps

@@ -16,7 +16,7 @@ import numpy as np
 from drivers._common import draw, log, main, make_mesh, make_parser, print_table, running, write_json
 from drivers.error_norms import bulk_error
 from meshes import disk_on_block
-from pcontact.element.shape import shape, shape_gradient
+from pcontact.element.reference import shape, shape_gradient
 from pcontact.runtime.petsc import MPI, full_steps, has_package
 from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Output, Scene, Steps
 

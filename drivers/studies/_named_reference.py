@@ -28,7 +28,7 @@ from pcontact.adapt.secondary import solved
 from pcontact.adapt.settings import FACETS, FALLING
 from pcontact.element.geometry import gradients
 from pcontact.element.quadrature import quadrature
-from pcontact.element.shape import shape, shape_gradient
+from pcontact.element.reference import shape, shape_gradient
 from pcontact.estimate.goal import value
 from pcontact.runtime.errors import StepFailure
 from pcontact.runtime.observer import Observer

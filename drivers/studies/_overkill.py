@@ -4,7 +4,7 @@ import numpy as np
 
 from drivers._common import contact_points
 from pcontact.contact.search.tree import build_tree
-from pcontact.element.shape import shape, shape_gradient
+from pcontact.element.reference import shape, shape_gradient
 from pcontact.runtime.jit import njit
 from pcontact.runtime.petsc import MPI
 

@@ -25,8 +25,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pcontact.element.reference import CELLS, edge_nodes
-from pcontact.element.shape import shape
+from pcontact.element.reference import CELLS, edge_nodes, shape
 from pcontact.estimate.tractions import Cells, bring, source_facets
 from pcontact.mesh.refinement.numbering import marks, tree_points
 from pcontact.mesh.refinement.refine import Rise

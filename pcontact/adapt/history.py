@@ -4,8 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pcontact.element.reference import reference_nodes
-from pcontact.element.shape import shape
+from pcontact.element.reference import reference_nodes, shape
 from pcontact.runtime.observer import Observer
 
 # [bytes] What a rank keeps of the displacements of load steps for the next mesh. From: chosen; a ball pressed into

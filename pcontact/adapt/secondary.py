@@ -28,8 +28,7 @@ from pcontact.adapt.mark import LEAP
 from pcontact.adapt.passes import said_of
 from pcontact.adapt.settings import NOTICED, PARTNER_RTOL, THIRD
 from pcontact.contact.surface.smooth_geometry import smooth_surface
-from pcontact.element.reference import CELLS, reference_nodes
-from pcontact.element.shape import shape_gradient
+from pcontact.element.reference import CELLS, reference_nodes, shape_gradient
 from pcontact.estimate import goal
 from pcontact.estimate.goal import value
 from pcontact.mesh.refinement.refine import HALVED, Balance

@@ -18,8 +18,7 @@ from pcontact.assembly.graph import find, node_graph
 from pcontact.assembly.item import LAW, Item
 from pcontact.assembly.matrix import OwnedRows
 from pcontact.element.quadrature import quadrature
-from pcontact.element.reference import facet_nodes
-from pcontact.element.shape import shape, shape_gradient
+from pcontact.element.reference import facet_nodes, shape, shape_gradient
 from pcontact.runtime.jit import njit, njit_inner
 from pcontact.runtime.parallel import together
 

@@ -7,8 +7,7 @@ import numpy as np
 from pcontact.element.dilatation import hoop_operator
 from pcontact.element.geometry import gradients
 from pcontact.element.quadrature import DEGREE, quadrature
-from pcontact.element.reference import CELLS
-from pcontact.element.shape import shape, shape_gradient
+from pcontact.element.reference import CELLS, shape, shape_gradient
 
 CHUNK = 8192
 

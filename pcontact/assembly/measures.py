@@ -19,7 +19,7 @@ import numpy as np
 
 from pcontact.assembly.geometry import chunks, hoop, points_of
 from pcontact.element.quadrature import quadrature
-from pcontact.element.shape import shape, shape_gradient
+from pcontact.element.reference import shape, shape_gradient
 from pcontact.material.hardening import RADIUS
 from pcontact.material.log_strain import compose, eigenpairs, twice_green
 from pcontact.runtime.jit import njit

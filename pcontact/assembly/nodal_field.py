@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from pcontact.element.reference import CELLS, reference_nodes
-from pcontact.element.shape import shape, shape_gradient
+from pcontact.element.reference import CELLS, reference_nodes, shape, shape_gradient
 from pcontact.mesh.formats import read_meshio
 from pcontact.runtime.errors import input_error, listed, shown, unknown_name
 from pcontact.runtime.parallel import agree, on_root

@@ -7,8 +7,7 @@ import numpy as np
 from pcontact.assembly.geometry import CHUNK
 from pcontact.element.geometry import facet_geometry, gradients
 from pcontact.element.quadrature import quadrature
-from pcontact.element.reference import facet_nodes
-from pcontact.element.shape import shape, shape_gradient
+from pcontact.element.reference import facet_nodes, shape, shape_gradient
 from pcontact.runtime.petsc import MPI
 
 

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from pcontact.contact.active_set import misled
-from pcontact.contact.detection import Detection
 from pcontact.contact.formulation.finite import FiniteTerms
 from pcontact.contact.formulation.finite_geometry import (
     AWAY,
@@ -25,10 +24,10 @@ from pcontact.contact.formulation.layer import FiniteLayerTerms
 from pcontact.contact.formulation.methods import facet_columns
 from pcontact.contact.law import OPEN, contact_law
 from pcontact.contact.pair import NOTHING_MORE, ContactPair, Pairing, method_of, partner_search
+from pcontact.contact.search.partners import Detection
 from pcontact.contact.surface.facet_maps import KIND, MAX_NODES
 from pcontact.contact.surface.sides import tangents_of
-from pcontact.contact.traction.finite import NoTraction
-from pcontact.contact.traction.finite_target import finite_traction
+from pcontact.contact.traction.finite import NoTraction, finite_traction
 from pcontact.element.reference import reference_nodes
 from pcontact.mesh.mesh import size_of
 from pcontact.runtime.petsc import MPI

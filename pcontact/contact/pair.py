@@ -1,7 +1,7 @@
 """A contact pair: one source surface and its partners, as an item of the discrete problem.
 
-A pair is made of a *detection* (who is the partner of a point: `pcontact.contact.detection`), *terms* (residual and
-tangent at the points: `pcontact.contact.formulation`) with a *traction* (the stress of the source at its points:
+A pair is made of a *detection* (who is the partner of a point: `pcontact.contact.search.partners`), *terms* (residual
+and tangent at the points: `pcontact.contact.formulation`) with a *traction* (the stress of the source at its points:
 `pcontact.contact.traction`), a *method* (Nitsche, penalty, augmented Lagrangian) and a *law* (frictionless, Coulomb,
 Tresca, tied: `pcontact.contact.law`), and of a *history* (what points remember: `pcontact.contact.history`).
 
@@ -19,19 +19,16 @@ from pcontact.assembly.graph import BlockRows, node_graph
 from pcontact.assembly.item import LAW, Item
 from pcontact.assembly.matrix import OwnedRows
 from pcontact.contact import active_set
-from pcontact.contact.detection import Detection
 from pcontact.contact.formulation.augmented import AugmentedLagrangian
-from pcontact.contact.formulation.averages import add_at_nodes
 from pcontact.contact.formulation.layer import Layer, LayerTerms
 from pcontact.contact.formulation.methods import Method, Penalty
-from pcontact.contact.formulation.small import SmallTerms
+from pcontact.contact.formulation.small import SmallTerms, add_at_nodes
 from pcontact.contact.history import PointHistory
 from pcontact.contact.law import OPEN, SLIP, View, contact_law
 from pcontact.contact.points import PartnerPoints, SourcePoints, TractionOperator
-from pcontact.contact.search.partners import ObstacleSearch, TargetSearch
+from pcontact.contact.search.partners import Detection, ObstacleSearch, TargetSearch
 from pcontact.contact.surface.obstacle import RigidObstacle
-from pcontact.contact.traction.small import Traction
-from pcontact.contact.traction.target import source_traction
+from pcontact.contact.traction.small import Traction, source_traction
 from pcontact.runtime.parallel import together
 from pcontact.runtime.petsc import MPI
 
@@ -187,7 +184,7 @@ class ContactPair(Item):
         With its numerics resolved.
     source : pcontact.contact.surface.sides.SourceSurface
         As the formulation needs it, with the weight of the pair in its quadrature weights.
-    search : pcontact.contact.detection.Detection
+    search : pcontact.contact.search.partners.Detection
     terms : SmallTerms
         Tractions, formulation and law at the points.
     setting : Setting

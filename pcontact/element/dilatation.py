@@ -22,8 +22,7 @@ import numpy as np
 
 from pcontact.element.geometry import gradients
 from pcontact.element.quadrature import quadrature
-from pcontact.element.reference import CELLS
-from pcontact.element.shape import shape, shape_gradient
+from pcontact.element.reference import CELLS, shape, shape_gradient
 
 
 def dilatation(grad, hoop=None):

@@ -9,8 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pcontact.element.reference import CELLS, facet_area_vectors, facet_points
-from pcontact.element.shape import shape, shape_gradient
+from pcontact.element.reference import CELLS, facet_area_vectors, facet_points, shape, shape_gradient
 from pcontact.runtime.jit import njit
 
 

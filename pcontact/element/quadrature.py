@@ -14,8 +14,7 @@ import math
 import numpy as np
 
 from pcontact.element.geometry import gradients
-from pcontact.element.reference import CELLS
-from pcontact.element.shape import shape, shape_gradient
+from pcontact.element.reference import CELLS, shape, shape_gradient
 
 MAX_DEGREE = 20
 

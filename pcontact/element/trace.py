@@ -22,8 +22,7 @@ import numpy as np
 from pcontact.element.dilatation import PLAIN, dilatation, factors, hoop_operator, linear, mean_dilatation, squares
 from pcontact.element.geometry import facet_geometry, gradients
 from pcontact.element.quadrature import DEGREE, quadrature, reduced_gradients
-from pcontact.element.reference import CELLS, facet_nodes, facet_points, n_nodes, reference_nodes
-from pcontact.element.shape import shape, shape_gradient
+from pcontact.element.reference import CELLS, facet_nodes, facet_points, n_nodes, reference_nodes, shape, shape_gradient
 from pcontact.runtime.jit import njit
 
 # A cell is straight if its degree-2 nodes are off the middles by less than this fraction of its extent.

@@ -5,8 +5,7 @@ from functools import cache
 import numpy as np
 
 from pcontact.element.quadrature import quadrature
-from pcontact.element.reference import CELLS, facet_nodes
-from pcontact.element.shape import shape
+from pcontact.element.reference import CELLS, facet_nodes, shape
 from pcontact.runtime.petsc import MPI
 
 

@@ -48,7 +48,7 @@ import numpy as np
 from pcontact.assembly.item import LAW, StatusRule
 from pcontact.assembly.loads import region_weights
 from pcontact.contact.law import OPEN
-from pcontact.element.shape import shape
+from pcontact.element.reference import shape
 from pcontact.estimate.tractions import source_points
 from pcontact.runtime.petsc import LEAST_PIVOT, MPI, PETSc, can_factorise
 from pcontact.scene.model import Load

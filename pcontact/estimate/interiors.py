@@ -11,8 +11,7 @@ import numpy as np
 from pcontact.element.dilatation import components, factors, hoop_operator, linear
 from pcontact.element.geometry import gradients
 from pcontact.element.quadrature import quadrature
-from pcontact.element.reference import CELLS, facet_nodes
-from pcontact.element.shape import shape, shape_gradient
+from pcontact.element.reference import CELLS, facet_nodes, shape, shape_gradient
 from pcontact.estimate.loads import force_density
 from pcontact.estimate.local import LocalFunctions, Moduli
 from pcontact.estimate.points import add_work, bubbles, supports

@@ -16,8 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact.element.quadrature import quadrature
-from pcontact.element.reference import CELLS, facet_points
-from pcontact.element.shape import kept
+from pcontact.element.reference import CELLS, facet_points, kept
 from pcontact.runtime.jit import njit
 
 # values below this are zeros

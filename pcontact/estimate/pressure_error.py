@@ -17,8 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact.contact.surface.sides import diameters
-from pcontact.element.reference import facet_area_vectors, facet_nodes
-from pcontact.element.shape import shape, shape_gradient
+from pcontact.element.reference import facet_area_vectors, facet_nodes, shape, shape_gradient
 from pcontact.estimate.goal import GoalError
 from pcontact.estimate.tractions import areas, bring, source_points
 from pcontact.runtime.petsc import MPI

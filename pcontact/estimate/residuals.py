@@ -13,8 +13,7 @@ from pcontact.contact.traction.small import FacetPoints, traction_rows
 from pcontact.element.dilatation import factors
 from pcontact.element.geometry import every_facet, gradients
 from pcontact.element.quadrature import quadrature
-from pcontact.element.reference import CELLS, facet_points, reference_nodes
-from pcontact.element.shape import shape, shape_gradient
+from pcontact.element.reference import CELLS, facet_points, reference_nodes, shape, shape_gradient
 from pcontact.estimate.facets import facet_rule
 from pcontact.estimate.interiors import chunks
 from pcontact.estimate.loads import force_density

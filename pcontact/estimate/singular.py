@@ -18,8 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact.element.geometry import facet_geometry
-from pcontact.element.reference import CELLS, facet_nodes, facet_points
-from pcontact.element.shape import shape
+from pcontact.element.reference import CELLS, facet_nodes, facet_points, shape
 from pcontact.estimate.facets import facet_rule
 from pcontact.estimate.interiors import Tables, Volume
 from pcontact.estimate.local import stiffnesses

@@ -8,8 +8,7 @@ import numpy as np
 
 from pcontact.assembly.patches import kind_of
 from pcontact.element.geometry import facet_geometry
-from pcontact.element.reference import CELLS, facet_points
-from pcontact.element.shape import shape
+from pcontact.element.reference import CELLS, facet_points, shape
 from pcontact.estimate.facets import facet_rule
 from pcontact.estimate.local import Bound
 from pcontact.estimate.points import NEUMANN, bubbles

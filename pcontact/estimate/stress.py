@@ -19,8 +19,7 @@ from pcontact.assembly.geometry import rule_degree, some_cells
 from pcontact.assembly.strains import cell_points
 from pcontact.contact.traction.small import extrapolation
 from pcontact.element.dilatation import Mean, factors, hoop_operator, mean_dilatation
-from pcontact.element.reference import n_nodes
-from pcontact.element.shape import shape
+from pcontact.element.reference import n_nodes, shape
 from pcontact.estimate.points import slopes, stresses
 from pcontact.material.mandel import HALF
 

@@ -22,8 +22,7 @@ from pcontact.runtime.files import Damaged, Hdf5Aside, make_directory, verify
 from pcontact.runtime.observer import Observer
 from pcontact.runtime.parallel import aside_of_root, take_rows, together, write_rows
 from pcontact.scene.describe import differences, physics_so_far
-from pcontact.scene.model import OUTER
-from pcontact.scene.places import groups_named, tables
+from pcontact.scene.model import OUTER, groups_named, tables
 
 NAME, VERSION = "checkpoint.h5", 4
 ROWS = 1 << 20  # rows that are read at a time

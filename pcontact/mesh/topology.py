@@ -15,8 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact.element.quadrature import quadrature
-from pcontact.element.reference import CELLS, facet_kinds, facet_nodes, n_nodes, reference_nodes
-from pcontact.element.shape import shape_gradient
+from pcontact.element.reference import CELLS, facet_kinds, facet_nodes, n_nodes, reference_nodes, shape_gradient
 from pcontact.mesh.mesh import Facets, mixed
 from pcontact.mesh.plex import owners, told
 from pcontact.mesh.raw import Block, facet_vertices, facets_among, find_facets, number_rows, numbered

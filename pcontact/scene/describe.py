@@ -30,9 +30,9 @@ from pcontact.scene.model import (
     Scene,
     Steps,
     Temperature,
+    tables,
 )
 from pcontact.scene.phases import PHASED
-from pcontact.scene.places import tables
 from pcontact.scene.validate import resolve_contacts
 
 # keys that are names of places, or tables of their own

@@ -13,8 +13,7 @@ import numpy as np
 from pcontact.runtime.errors import input_error, shown
 from pcontact.runtime.files import GEOMETRIES, SCRIPTS
 from pcontact.scene.expressions import Called, Expression, Watched
-from pcontact.scene.model import Scene
-from pcontact.scene.places import place
+from pcontact.scene.model import Scene, place
 
 # characters of an expression in a message
 SHOWN = 80

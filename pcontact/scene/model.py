@@ -6,10 +6,11 @@ tuples. Units are the user's own and must be consistent. None means "not said".
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 
+from pcontact.runtime.errors import input_error
 from pcontact.runtime.files import GEOMETRIES
 from pcontact.runtime.presets import PRESETS
 from pcontact.runtime.rules import (
@@ -1210,3 +1211,54 @@ INSTEAD = {
     "mesh, all of it a group of [[couplings]], which has the mass of its cells, and mass and inertia of its point"
     for key in ("mass", "inertia")
 }
+
+
+# what is wrong in a table: the key (empty: the table), what was found, what is allowed
+Found = Iterator[tuple[str, str, str]]
+
+
+def refuse(scene: Scene, where: str, found: Iterable[tuple[str, str, str]]) -> None:
+    """Raise the first of what is wrong in the table at a key path.
+
+    Raises
+    ------
+    InputError
+    """
+    for name, what, allowed in found:
+        raise input_error(scene.where, ".".join(filter(None, (where, name))), what, allowed)
+
+
+def place(list_: str, index: int, name: object) -> str:
+    """Key path of an entry of a list of tables, such as ``contacts[0] (ball-block)``."""
+    return f"{list_}[{index}] ({name})" if isinstance(name, str) and name else f"{list_}[{index}]"
+
+
+def tables(scene: Scene) -> Iterator[tuple[str, object]]:
+    """All tables of a scene with their key paths, in the order of a scene file, obstacles included."""
+    if isinstance(scene.accuracy, Target):
+        yield "accuracy", scene.accuracy
+        yield "accuracy.budget", scene.accuracy.budget
+    yield "mesh", scene.mesh
+    for name, material in scene.materials.items():
+        yield f"materials.{name}", material
+    for name in LIST_TABLES:
+        for index, item in enumerate(getattr(scene, name)):
+            where = place(name, index, item.name if isinstance(item, NAMED) else item.region)
+            yield where, item
+            if isinstance(item, Contact) and item.obstacle is not None:
+                yield f"{where}.obstacle", item.obstacle
+    yield "steps", scene.steps
+    yield "output", scene.output
+    yield from ((name, one) for name in OPTIONAL_TABLES if (one := getattr(scene, name)) is not None)
+
+
+def groups_named(one: object) -> Iterator[tuple[str, str, str]]:
+    """Groups that a table names: the key, the name, and of what they are, see `pcontact.scene.keys.Key.group`."""
+    if isinstance(one, Equation):
+        yield from ((f"terms[{index}]", name, "any") for index, (name, *_) in enumerate(one.terms))
+    if isinstance(one, Contact) and one.all:
+        return
+    for attribute, declared in keys(type(one)).items():
+        kind, name = declared.group, getattr(one, attribute)
+        if kind and name is not None:
+            yield attribute, name, kind(one) if callable(kind) else kind

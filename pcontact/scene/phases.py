@@ -7,8 +7,7 @@ import numpy as np
 
 from pcontact.scene.amplitude import MULTIPLIED, timed
 from pcontact.scene.keys import keys
-from pcontact.scene.model import LIST_TABLES, LONGER, SHORTEST, Body, Contact, Equation, Scene
-from pcontact.scene.places import groups_named
+from pcontact.scene.model import LIST_TABLES, LONGER, SHORTEST, Body, Contact, Equation, Scene, groups_named
 
 # tables of which some may act in some phases only, and those that are on groups, bodies left aside
 PHASED = tuple(name for name, cls in LIST_TABLES.items() if "phases" in keys(cls) and cls is not Body)

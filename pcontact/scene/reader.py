@@ -23,8 +23,8 @@ from pcontact.scene.model import (
     Material,
     Obstacle,
     Scene,
+    place,
 )
-from pcontact.scene.places import place
 from pcontact.scene.target import Budget, Target
 from pcontact.scene.validate import validate
 

@@ -17,9 +17,12 @@ from pcontact.scene.model import (
     MeshSpec,
     Obstacle,
     Scene,
+    groups_named,
+    place,
+    refuse,
+    tables,
 )
 from pcontact.scene.orthotropic import across_plane
-from pcontact.scene.places import groups_named, place, refuse, tables
 
 # obstacles that are none in the plane; those that have an axis to turn about
 SPATIAL, AXES = ("cylinder", "cone", "torus"), ("cylinder", "torus")

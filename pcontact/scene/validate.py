@@ -30,6 +30,7 @@ from pcontact.scene.model import (
     Contact,
     Coupling,
     Displacement,
+    Found,
     Load,
     Material,
     MeshSpec,
@@ -40,10 +41,12 @@ from pcontact.scene.model import (
     Scene,
     Steps,
     Temperature,
+    place,
+    refuse,
+    tables,
 )
 from pcontact.scene.orthotropic import indefinite, parallel
 from pcontact.scene.phases import PHASED, acts, begun, come_and_go, scene_of
-from pcontact.scene.places import Found, place, refuse, tables
 from pcontact.scene.target import AXES, BEST, Budget, Target
 
 ALIKE = 0.5  # likeness of two file names above which one may be meant by the other

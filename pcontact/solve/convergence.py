@@ -263,11 +263,11 @@ class NewtonResult:
     detail : str
         Of a solve that did not converge: where the residual is largest, and which pairs were changing.
     uzawa : dict or None
-        Updates of multipliers around the solve, where there are any, see `pcontact.stepping.uzawa`.
+        Updates of multipliers around the solve, where there are any, see `pcontact.stepping.load_step`.
     free : list of int or None
         Loose bodies on which no contact acts, where there are loose ones, see `pcontact.stepping.loose`.
     partners : dict or None
-        What the last search for partners has said, see :class:`pcontact.stepping.partner_update.PartnerUpdate`.
+        What the last search for partners has said, see :class:`pcontact.stepping.load_step.PartnerUpdate`.
     final : bool
         Whether a shorter load step would end in the same way.
     """

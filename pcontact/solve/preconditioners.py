@@ -41,8 +41,7 @@ import numpy as np
 
 from pcontact.assembly.item import ActiveSet
 from pcontact.assembly.matrix import AIJ, BESIDE
-from pcontact.element.reference import CELLS, reference_nodes
-from pcontact.element.shape import shape
+from pcontact.element.reference import CELLS, reference_nodes, shape
 from pcontact.runtime import log
 from pcontact.runtime.petsc import (
     LEAST_PIVOT,

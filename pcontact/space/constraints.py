@@ -21,8 +21,7 @@ not, prescribed ones among these. The forces that equations exert do no work, bu
 
 import numpy as np
 
-from pcontact.element.reference import CELLS, reference_nodes
-from pcontact.element.shape import shape
+from pcontact.element.reference import CELLS, reference_nodes, shape
 from pcontact.mesh.topology import OTHER, plane
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import agree

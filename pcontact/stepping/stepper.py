@@ -40,13 +40,13 @@ class Step:
     before : PETSc.Vec
         Displacement at its beginning.
     uzawa : dict or None
-        Updates of multipliers, see `pcontact.stepping.uzawa`.
+        Updates of multipliers, see `pcontact.stepping.load_step`.
     hardest : int
         Krylov iterations of the linear solve that took most.
     free : list of int or None
         Loose bodies on which no contact acts, see `pcontact.stepping.loose`.
     partners : dict or None
-        What the last search for partners has said, see :class:`pcontact.stepping.partner_update.PartnerUpdate`.
+        What the last search for partners has said, see :class:`pcontact.stepping.load_step.PartnerUpdate`.
     unbalanced : ndarray (n_owned, d) or None
         Internal plus contact minus external forces before the state was committed [force]: where cells have just
         yielded, the consistent adjoint of a committed state is another one.
@@ -76,7 +76,7 @@ class Stages(NamedTuple):
     start : callable, optional
         From the time at which a load step ends to the displacement (n_owned, d) that is expected then, or to None.
     solve : callable, optional
-        Solves the load step, see :class:`pcontact.stepping.partner_update.PartnerUpdate`; None: Newton's method alone.
+        Solves the load step, see :class:`pcontact.stepping.load_step.PartnerUpdate`; None: Newton's method alone.
     rest : callable, optional
         After that, says where bodies are that nothing holds, see :class:`pcontact.stepping.loose.LooseBodies`.
     energy : pcontact.stepping.energy.EnergyBalance, optional

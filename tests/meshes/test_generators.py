@@ -11,8 +11,7 @@ from meshes.__main__ import main
 from meshes.halve import halve
 from meshes.spring import Helix
 from pcontact.element.quadrature import quadrature
-from pcontact.element.reference import facet_nodes
-from pcontact.element.shape import shape_gradient
+from pcontact.element.reference import facet_nodes, shape_gradient
 from pcontact.mesh.read import read_mesh
 
 DIMENSION = {"vertex": 0, "line": 1, "triangle": 2, "quad": 2, "tetra": 3, "hexahedron": 3}

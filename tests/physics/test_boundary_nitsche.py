@@ -13,8 +13,7 @@ from drivers.error_norms import bulk_error
 from meshes import beam
 from pcontact.element.geometry import facet_geometry
 from pcontact.element.quadrature import quadrature
-from pcontact.element.reference import CELLS
-from pcontact.element.shape import shape, shape_gradient
+from pcontact.element.reference import CELLS, shape, shape_gradient
 from pcontact.material.elastic import in_plane, lame
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI

@@ -15,8 +15,7 @@ from pcontact.contact.surface.obstacle import RigidObstacle
 from pcontact.contact.surface.sides import source_surface
 from pcontact.element.dilatation import mean_dilatation
 from pcontact.element.quadrature import quadrature
-from pcontact.element.reference import CELLS
-from pcontact.element.shape import shape
+from pcontact.element.reference import CELLS, shape
 from pcontact.material.elastic import lame
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import MPI

@@ -8,8 +8,7 @@ from drivers.cases import patch
 from drivers.cases.rings import measure, ring_scene
 from meshes import one_block, rings
 from pcontact.element.quadrature import quadrature
-from pcontact.element.reference import reference_nodes
-from pcontact.element.shape import shape, shape_gradient
+from pcontact.element.reference import reference_nodes, shape, shape_gradient
 from pcontact.io.result import load_result
 from pcontact.mesh.hdf5 import convert
 from pcontact.runtime.petsc import MPI

@@ -8,7 +8,7 @@ import pytest
 from drivers._common import make_mesh, running
 from drivers.cases.rings import LARGE, MIDDLE, NU, SMALL, E, interface_pressure, measure, ring_scene
 from meshes import rings
-from pcontact.contact.detection import initial_gap
+from pcontact.contact.search.partners import initial_gap
 from pcontact.runtime.observer import Observer
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Contact

@@ -5,8 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pcontact.element.reference import CELLS, facet_nodes, reference_nodes
-from pcontact.element.shape import shape
+from pcontact.element.reference import CELLS, facet_nodes, reference_nodes, shape
 from pcontact.mesh.read import read_mesh
 
 # gmsh's element types, and where its node order has VTK's nodes

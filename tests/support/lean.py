@@ -59,7 +59,7 @@ PIECES = {
                  "contact.formulation.methods:without_traction"), ()),
     "augmented Lagrangian": (("contact.formulation.augmented",), ()),
     "soft layers": (("contact.formulation.layer",), ()),
-    "initial gaps": (("contact.detection:InitialGap",), ()),
+    "initial gaps": (("contact.search.partners:InitialGap",), ()),
     "obstacles": (("contact.surface.obstacle",), ()),
     "finite shapes": (
         tuple(f"contact.surface.obstacle:{name}"
@@ -78,8 +78,8 @@ FEATURES = {
     "serendipity": ["mesh.raw:without_middles"],
     "reduced integration": ["element.quadrature:reduced_gradients"],
     "ray tracing": ["contact.search.projection:ray_tracing"],
-    "cut facets": ["contact.segmentation.clipping", "contact.segmentation.overlaps", "contact.segmentation.pieces"],
-    "cut facets of the plane": ["contact.segmentation.crossings"],
+    "cut facets": ["contact.segmentation.overlaps", "contact.segmentation.overlaps", "contact.segmentation.pieces"],
+    "cut facets of the plane": ["contact.segmentation.pieces"],
     "smooth geometry": [
         "contact.surface.smooth_geometry:SmoothSurface.__init__",
         "contact.surface.smooth_geometry:SmoothSurface.offset",
@@ -95,7 +95,7 @@ FEATURES = {
     "means of groups": ["assembly.coupling:AverageCoupling.__init__"],
     "expressions": ["scene.expressions"],
     "turning": ["space.supports:Turn.__init__"],
-    "groups by place": ["mesh.by_place"],
+    "groups by place": ["mesh.raw"],
     "slip": ["contact.history:SlipPath.__init__"],
     "error estimate": ["estimate.estimator", "estimate.local", "io.error_estimate"],
     "energy": ["stepping.energy"],

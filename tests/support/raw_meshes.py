@@ -4,8 +4,7 @@ import gmsh
 import numpy as np
 
 from pcontact.element.quadrature import quadrature
-from pcontact.element.reference import CELLS, facet_kinds, facet_nodes, reference_nodes
-from pcontact.element.shape import shape, shape_gradient
+from pcontact.element.reference import CELLS, facet_kinds, facet_nodes, reference_nodes, shape, shape_gradient
 
 CELL_TYPES = ["triangle", "quadrilateral", "tetrahedron", "hexahedron"]
 

@@ -3,8 +3,7 @@
 import numpy as np
 
 from pcontact.element.quadrature import quadrature
-from pcontact.element.reference import CELLS
-from pcontact.element.shape import shape_gradient
+from pcontact.element.reference import CELLS, shape_gradient
 from pcontact.mesh.distribute import load_mesh
 from pcontact.mesh.mesh import Mesh
 from pcontact.mesh.raw import facet_multiplicity, facet_vertices

@@ -6,7 +6,7 @@ from meshes.blocks import one_block, two_blocks
 from pcontact.assembly.matrix import JoinedPattern
 from pcontact.assembly.solid import Solid
 from pcontact.contact.report import ContactReport
-from pcontact.element.shape import shape, shape_gradient
+from pcontact.element.reference import shape, shape_gradient
 from pcontact.material.elastic import Elastic
 from pcontact.mesh.distribute import distribute
 from pcontact.mesh.raw import complete

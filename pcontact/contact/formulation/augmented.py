@@ -4,7 +4,7 @@ Each quadrature point has a multiplier lam [stress], which stands where Nitsche'
 
     tau = lam + gamma g n - alpha gamma D_T,   update  lam <- M P(tau)  at the solution of Newton's method
 
-M takes the local mean over the closed points, see `pcontact.contact.formulation.averages`. At a fixed point of the
+M takes the local mean over the closed points, see `pcontact.contact.formulation.small`. At a fixed point of the
 update gap and slip have no local mean where points are closed or stick, and what is left, (P - M P) / gamma, is small
 with the mesh and zero for a uniform traction. With lam <- P(tau) they would be zero at every point: more conditions
 than displacements can meet. The pressure then sits on a few points, and an update takes away little (cylinder on a
@@ -32,8 +32,8 @@ leaves nothing behind.
 
 import numpy as np
 
-from pcontact.contact.formulation.averages import Acting, local_means
 from pcontact.contact.formulation.methods import TRACELESS, Penalty, is_unbiased
+from pcontact.contact.formulation.small import Acting, local_means
 from pcontact.contact.law import OPEN
 from pcontact.runtime.parallel import take_rows
 from pcontact.runtime.petsc import MPI
@@ -105,7 +105,7 @@ def acting(pair, u):
 
     Returns
     -------
-    pcontact.contact.formulation.averages.Acting
+    pcontact.contact.formulation.small.Acting
     """
     traction, status = pair.forces(u)
     return Acting(pair.pairing, pair.source, traction, status > OPEN, pair.target_shape(u))

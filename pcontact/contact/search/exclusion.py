@@ -17,6 +17,7 @@ Where bodies are to meet others only, a point passes by whole branches of the tr
 Two surfaces that another pair of the scene brings together are no partners here, see `clash`.
 """
 
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -74,6 +75,7 @@ def writable(exclusion):
     return Exclusion(*(np.require(array, kinds.get(name, np.int64), ["C", "W"]) for name, array in arrays))
 
 
+@cache
 def no_exclusion(d):
     """For points that are not on the surface searched."""
     none, pairs = np.zeros(0), np.zeros((0, 0))

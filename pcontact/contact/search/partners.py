@@ -1,16 +1,29 @@
-"""Partners of source points: a facet of a target surface, or a rigid obstacle.
+"""Partners of source points, facets of a target surface or a rigid obstacle, and the gaps between them.
 
-Between ranks: source points go to the ranks whose target facets are near, partners come back.
+Source points go to the ranks whose target facets are near, partners come back.
 """
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from pcontact.contact.search.nearest import EVEN, GIVEN_UP, ROUNDING, TIE
-from pcontact.contact.search.projection import QueryPoints, TargetFacets, closest_points, ray_tracing
+from pcontact.contact.points import interpolate
+from pcontact.contact.search.projection import (
+    EVEN,
+    GIVEN_UP,
+    ROUNDING,
+    TIE,
+    QueryPoints,
+    TargetFacets,
+    closest_points,
+    ray_tracing,
+)
 from pcontact.contact.search.tree import build_tree, normal_cones
 from pcontact.contact.surface.facet_maps import facet_boxes, padded
+from pcontact.contact.surface.sides import surface_of
+from pcontact.mesh.mesh import bounding_box
+from pcontact.mesh.topology import outer_facets
 from pcontact.runtime import profile
 from pcontact.runtime.jit import njit_exact
 from pcontact.runtime.parallel import Asked, together
@@ -538,3 +551,182 @@ class ObstacleSearch:
     def turned(self, vectors, start, end):
         """See :meth:`TargetSearch.turned`."""
         return self.target.turned(vectors, start, end)
+
+
+class Detection:
+    """Looks for the partners of the points of a source.
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    contact : pcontact.scene.model.Contact
+    source : pcontact.contact.surface.sides.SourceSurface
+    among : pcontact.contact.search.partners.TargetSearch or ObstacleSearch
+        Says who the partner of a point is.
+    radius : float
+        How far partners are looked for [length].
+    chords : pcontact.contact.surface.smooth_geometry.Chords, optional
+        What straight facets do to the gap.
+
+    Attributes
+    ----------
+    normals : ndarray (np, d)
+        Outward normals of the source by which partners are looked for: those of the undeformed one.
+    origin : ndarray (d,)
+        To which places of points are relative, so that they lose no digits [length].
+    rounding : float
+        Rounding errors that a gap may carry [length].
+    offset : float or ndarray (np,)
+        What the last search has added to gaps for those that the undeformed bodies are given, see
+        :class:`InitialGap` [length].
+    """
+
+    def __init__(self, space, contact, source, among, radius, chords=None):
+        self._space, self._source, self.among, self.radius, self.chords = space, source, among, radius, chords
+        self.normals, self._initial, self.offset = source.normal, initial_gap(contact), 0.0
+        low, high = bounding_box(space.comm, space.points)
+        # of few digits, so that subtracting it rounds nothing
+        self.origin = (0.5 * (low + high)).astype(np.float32).astype(float)
+        self.rounding = np.finfo(float).eps * (4.0 * np.max(np.abs([low, high])) + 64.0 * np.max(high - low))
+
+    @property
+    def target(self):
+        """Target surface or obstacle."""
+        return self.among.target
+
+    def interpolated(self, nodal):
+        """Values (np, d) at the points of a field of the nodes (n_local, d)."""
+        source = self._source
+        values = np.empty_like(source.x)
+        interpolate(nodal, source.cells, source.facet, source.shape, values)
+        return values
+
+    def deformed(self, nodal):
+        """Points (np, d) under displacements (n_local, d), relative to the origin: no digits are lost."""
+        space = self._space
+        # the geometry is of the degree of the displacement at most, which interpolates it
+        if space.mesh.curved and space.degree == 1:
+            return (self._source.x - self.origin) + self.interpolated(nodal)
+        return self.interpolated(space.points - self.origin + nodal)
+
+    def turn(self, nodal):
+        """Take the normals of the source under displacements (n_local, d): those of the undeformed one stay."""
+
+    def find(self, u, time, radius=None):
+        """Partners of the points among the bodies at ``u``, and obstacles at a time, within the radius or another one.
+        *Collective.*
+
+        Returns
+        -------
+        pcontact.contact.search.partners.Partners
+            With the gap between the surfaces that the facets stand for, if they are to be told apart, and with what is
+            added for the gap that the undeformed bodies are given.
+        """
+        found = self._found(u, time, radius)
+        if self._initial is None:
+            return found
+        self.offset = self._initial.offset(time)
+        return found._replace(gap=found.gap + self.offset)
+
+    def _found(self, u, time, radius=None):
+        nodal = self._space.local.gather(u)
+        self.turn(nodal)
+        radius = self.radius if radius is None else radius
+        found = self.among.find(nodal, self.deformed(nodal), self.normals, time, radius, self.origin)
+        gap = found.gap
+        if self.chords is not None:
+            gap = self.chords(gap, found.normal, found.paired, found.offset)
+        # surfaces that touch are closed in the first tangent, whatever the rounding of their coordinates says
+        return found._replace(gap=np.where(found.paired & (np.abs(gap) > self.rounding), gap, 0.0))
+
+    def measure(self, u, time):
+        """Take the gap between the undeformed bodies, from which the first load step begins at ``u``, with an obstacle
+        where it is before it moves, at a time; once. *Collective.*"""
+        if self._initial is not None and not self._initial.known:
+            found = self._found(u, time)
+            self._initial.take(found.gap, found.paired)
+
+
+class InitialGap:
+    """The gap that the undeformed bodies are given, and what is added to gaps for it.
+
+    With the gap g of the first search, the bodies are given g' = 0 where they are adjusted, the clearance where it is
+    said, or g. Of an overlap, g' < 0, the part f(t) acts: to all gaps there is added g' - g + (f - 1) min(g', 0). Of
+    a gap that a bilateral contact closes that part does, too: g' stands in the place of min(g', 0).
+
+    Parameters
+    ----------
+    contact : pcontact.scene.model.Contact
+    """
+
+    def __init__(self, contact):
+        self._within = (contact.adjust_within or 0.0) if contact.interference == "adjust" else None
+        self._clearance, self._table = contact.clearance, contact.interference_amplitude
+        self._bilateral, self._base, self._overlap = contact.bilateral, None, None
+
+    @property
+    def known(self):
+        """Return True if the gap between the undeformed bodies is known."""
+        return self._base is not None
+
+    def take(self, gap, paired):
+        """Take the gap (np,) of the undeformed bodies [length], at points (np,) that have a partner."""
+        given = gap
+        if self._within is not None:
+            given = np.where(gap <= self._within, 0.0, gap)
+        elif self._clearance is not None:
+            given = np.full_like(gap, self._clearance)
+        self._base = np.where(paired, given - gap, 0.0)
+        self._overlap = np.where(paired, given if self._bilateral else np.minimum(given, 0.0), 0.0)
+
+    def offset(self, time):
+        """Addend of gaps (np,) at a time [length]."""
+        if self._table is None:
+            return self._base
+        times, factors = np.transpose(self._table)
+        return self._base + (np.interp(time, times, factors) - 1.0) * self._overlap
+
+
+def initial_gap(contact):
+    """The :class:`InitialGap` of a contact; None where the bodies are as they are in the mesh."""
+    said = contact.clearance is not None or contact.interference_amplitude is not None
+    return InitialGap(contact) if said or contact.interference == "adjust" else None
+
+
+# [cosine] Smallest one between the normal of a point and that of the nearest facet: any.
+ANY = -2.0
+
+
+def overlap(space, source, target, method, bodies):
+    """Largest depth of points of a source inside bodies, to their partners on a target there. *Collective.*
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    source : pcontact.contact.surface.sides.SourceSurface
+    target : pcontact.contact.surface.sides.TargetSurface
+        Of these bodies.
+    method : str
+        closest_point or ray_tracing.
+    bodies : set of int
+        Connected components, none of which the source belongs to.
+
+    Returns
+    -------
+    float
+        [length]; 0 where no point is inside.
+    """
+    still = np.zeros_like(space.points)
+    outer = [_of_bodies(space, facets, bodies) for facets in outer_facets(space.mesh, space.exchanger)]
+    nearest = PartnerSearch(space, surface_of(space, outer), still, "closest_point", facing=ANY)
+    found = nearest(QueryPoints(source.x, source.normal, np.inf))
+    inside = (found.id >= 0) & (found.gap < 0.0)
+    found = PartnerSearch(space, target, still, method)(QueryPoints(source.x[inside], source.normal[inside], np.inf))
+    depth = float(np.max(-found.gap[found.id >= 0], initial=0.0))
+    return space.comm.allreduce(depth, op=MPI.MAX)
+
+
+def _of_bodies(space, facets, bodies):
+    """Those of some facets that belong to connected components."""
+    rows = np.isin(space.mesh.blocks[facets.block].components[facets.cells], list(bodies))
+    return replace(facets, cells=facets.cells[rows], local=facets.local[rows])

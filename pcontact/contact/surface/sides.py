@@ -17,8 +17,15 @@ from pcontact.contact.surface.facet_maps import KIND, padded
 from pcontact.element.dilatation import Dilatation, Mean, dilatation, factors, hoop_operator, mean_dilatation
 from pcontact.element.geometry import facet_geometry
 from pcontact.element.quadrature import quadrature, reduced_gradients
-from pcontact.element.reference import CELLS, facet_area_vectors, facet_nodes, facet_points, reference_nodes
-from pcontact.element.shape import shape, shape_gradient
+from pcontact.element.reference import (
+    CELLS,
+    facet_area_vectors,
+    facet_nodes,
+    facet_points,
+    reference_nodes,
+    shape,
+    shape_gradient,
+)
 from pcontact.element.trace import trace_constant
 from pcontact.runtime.parallel import split_by_rank
 from pcontact.runtime.petsc import MPI

@@ -38,8 +38,7 @@ from pcontact.contact.surface.vertex_normals import (
     facet_normals,
     sharpness,
 )
-from pcontact.element.reference import CELLS, facet_nodes, n_nodes, reference_nodes
-from pcontact.element.shape import shape
+from pcontact.element.reference import CELLS, facet_nodes, n_nodes, reference_nodes, shape
 from pcontact.runtime.petsc import MPI
 
 # layers of facets of other ranks: two that the fits see, one that tells whether edges of these are smooth

@@ -10,6 +10,22 @@ How stiff a body is behind a facet is the largest eigenvalue of the acoustic ten
 with elastic moduli, at any point of the parent cell; lambda + 2 mu in the undeformed state. For Hencky's law and a cell
 that is compressed along N alone, to 1/w of its length, it is (1 + ln w) w^2 times that. How stiff it is in shear is the
 second eigenvalue, mu in the undeformed state.
+
+The traction of both sides of a pair of which a body has finite strain, weighted by their stiffness:
+
+    t = w1 t1 - w2 J t2,    t1 = P1(X) N_X,    t2 = P1(Y) N_Y
+
+at a point X of the source whose partner is Y, each per undeformed area of its own side, with the ratio J of the areas
+that face each other (`pcontact.contact.formulation.finite_geometry`). As partners move, so do Y, t2 and J, in the
+tangent, too; the cell of the partner is that of its facet, and follows where facets are searched again.
+
+Weights and gamma are those of `pcontact.contact.traction.small`, with the constants of the trace inequality as they
+have grown in the committed state and, in the place of J, the ratio of areas as they have stretched there, which does
+not change where bodies turn; at closed points it is J. They stay for a load step. Partners on facets beside convex
+corners of the target have no part: the stress there is singular, and says nothing of what presses on the next facet.
+In contact of all surfaces they have it: the points there are a source as well.
+
+The stress of a partner's cell is evaluated where the cell is, with a message each way.
 """
 
 from copy import copy
@@ -28,11 +44,25 @@ from pcontact.assembly.finite_kernels import (
     point_of_cell,
 )
 from pcontact.assembly.geometry import some_cells_weighted
-from pcontact.contact.formulation.finite_kernels import Slopes
-from pcontact.contact.traction.small import FacetPoints, Traction, facet_points
+from pcontact.contact.formulation.finite_geometry import area_ratios, point_work
+from pcontact.contact.formulation.finite_kernels import Sides, Slopes
+from pcontact.contact.surface.smooth_geometry import beside_corners
+from pcontact.contact.traction.small import (
+    FacetPoints,
+    LocalCells,
+    TargetTraction,
+    Traction,
+    area_vectors,
+    facet_points,
+    is_two_sided,
+    source_areas,
+    weights,
+)
+from pcontact.element.reference import facet_nodes
 from pcontact.material.finite import CONSISTENT, ELASTIC
 from pcontact.material.log_strain import eigenpairs
 from pcontact.runtime.jit import njit
+from pcontact.runtime.petsc import MPI
 
 
 class _Facets(NamedTuple):
@@ -317,3 +347,285 @@ class NoTraction(FiniteTraction):
         """None at any point."""
         d = self.source.x.shape[1]
         return Slopes(np.full(len(self.source.facet), -1), np.zeros((0, self.source.shape.shape[1], d, d)))
+
+
+# [reference coordinates] Step of the differences of tractions along a facet. From: chosen; tractions are polynomials of
+# degree 2 at most on flat facets, of which central differences are exact, and rounding errors are 1e-12 of them.
+STEP = 1e-4
+
+
+class FiniteTarget(TargetTraction):
+    """Stress of the cells of a target at partners that move; parameters as for `TargetTraction`.
+
+    Attributes
+    ----------
+    radius : ndarray (np,)
+        Undeformed, of the partners of the last search [length].
+    """
+
+    def _prepare(self):
+        space = self._space
+        self.is_linear = self.symmetric = False
+        self._behind = FiniteTraction(space, self._bulk, self._side, self._name)
+        # nodes on the facets, and others of their cells
+        counts, first = np.zeros((len(self._side.cells), 2), dtype=np.int64), 0
+        self._middles = np.zeros((len(counts), space.dim - 1))
+        for facets in self._groups:
+            on, last = facet_nodes(facets.cell, space.degree), first + len(facets.cells)
+            counts[first:last, 0] = np.array([len(nodes) for nodes in on], dtype=np.int64)[facets.local]
+            self._middles[first:last] = 1.0 / 3.0 if facets.kind == "triangle" else 0.0
+            counts[first:last, 1] = len(space.cells[facets.block][0]) if last > first else 0
+            first = last
+        counts[:, 1] -= counts[:, 0]
+        self._counts = counts
+        self._widths = [space.comm.allreduce(int(k), op=MPI.MAX) for k in counts.max(axis=0, initial=0)]
+        self._asked = np.zeros(0, dtype=np.int64)
+        if not self._is_one:
+            self._stiff[beside_corners(space, self._name)] = np.inf
+
+    @property
+    def nodes(self):
+        """See :attr:`TargetTraction.nodes`."""
+        return self._space.nodes[self._side.cells[self._asked]].ravel()
+
+    def _ask(self, place, rows, columns, answer):
+        """Ask the partners with places (np, k) of some points (n,), with columns (n, ...) of these: rows (n, w).
+
+        `answer` is given facets (m,) and columns, one facet after the other. *Collective.*
+        """
+        def sorted_answer(table):
+            order = np.argsort(table[:, 0], kind="stable")
+            said = answer(table[order, 0].astype(np.int64), table[order, 1:])
+            out = np.empty_like(said)
+            out[order] = said
+            return out
+
+        table = np.column_stack([place[rows, 1], columns]).astype(float)
+        return self._space.exchanger.ask(place[rows, 0].astype(np.int64), table, sorted_answer)
+
+    def _layout(self, rows, order):
+        """Nodes (n, mt + no) of the cells of facets (n,), those on the facets and the others, and which are real."""
+        (on, others), (width, rest) = self._counts[rows].T, self._widths
+        column = np.arange(width + rest)[None]
+        real = np.where(column < width, column < on[:, None], column - width < others[:, None])
+        at = np.where(column < width, column, column - width + on[:, None])
+        return np.take_along_axis(order, np.where(real, at, 0), axis=1), real
+
+    def sides(self, found, source, nodal):
+        """Partners with the other nodes of their cells, and a :class:`pcontact.contact.traction.small.Facing`.
+        *Collective.*"""
+        near, faces = self._near(found, source), source_areas(source, nodal)
+        rows, d, width = np.flatnonzero(near), self._space.dim, found.nodes.shape[1]
+
+        def answer(facets, columns):
+            self._asked = np.unique(facets)
+            at, slope, order = self._surface(facets, columns[:, : d - 1])
+            layout, _ = self._layout(facets, order)
+            nodes = np.take_along_axis(self._space.nodes[self._side.cells[facets]], layout, axis=1)
+            numbers = self._numbers(at, slope, nodal, np.ascontiguousarray(columns[:, d - 1 : -1]), columns[:, -1])
+            return np.column_stack([numbers, nodes[:, self._widths[0] :]])
+
+        self._asked = self._asked[:0]
+        columns = np.column_stack([found.place[:, 2:], found.normal, self._facing_area(found, source, faces)])
+        said = self._ask(found.place, rows, columns[rows], answer)
+        numbers, nodes = np.zeros((len(near), 5)), np.repeat(found.nodes[:, :1], width + self._widths[1], axis=1)
+        nodes[:, :width], numbers[rows] = found.nodes, said[:, :5]
+        self.radius = numbers[:, 4]
+        nodes[rows, width:] = said[:, 5:].astype(np.int64)
+        return found._replace(nodes=nodes), self._facing(found, source, near, numbers, faces)
+
+    def _at(self, facets, xi):
+        """The traction at points (n, d - 1) of facets (n,), one after the other, and in the place of a pairing what it
+        needs. *Collective.*"""
+        at, slope, order = self._surface(facets, xi)
+        return self._behind.at(at), slope, order
+
+    def _local(self, p, small):
+        """The points of a source with the numbers of the nodes of its cells in a pairing, in the place of one."""
+        cells = np.minimum(np.searchsorted(p.exchange.nodes, self._space.nodes[self._side.cells]),
+                           max(len(p.exchange.nodes) - 1, 0))  # fmt: skip
+        return LocalCells(small.numbered(cells), np.ascontiguousarray(cells))
+
+    def growth(self, place, rows, values, p):
+        """Of the partners' facets of some points (n,): how much stiffer their cells have grown, see
+        :class:`pcontact.contact.formulation.finite.FiniteTerms`, and current over undeformed area: (n, 3). In
+        the middles of the facets: what partners slide does not change it. *Collective.*"""
+        d = self._space.dim
+
+        def answer(facets, _):
+            some, back = np.unique(facets, return_inverse=True)
+            traction, slope, _ = self._at(some, self._middles[some])
+            local = self._local(p, traction.small)
+            found, moved = traction.growth(values, local)[some], values[local.cells[some]]
+            areas = np.linalg.norm(area_vectors(slope, moved, traction.source.normal), axis=1)
+            det = np.linalg.det(np.eye(d) + np.einsum("pai,paj->pij", moved, slope))
+            w = np.maximum(np.divide(areas, det, out=np.ones(len(det)), where=det > 0.0), 1.0)
+            found[:, 0] = np.maximum((1.0 + np.log(w)) * w**2, found[:, 0])
+            return np.column_stack([found, areas])[back]
+
+        return self._ask(place, rows, place[rows, :0], answer)
+
+    def tractions(self, place, rows, xi, values, p):
+        """t2 (n, d) of some points (n,) with partners xi (n, d - 1) [stress]. *Collective.*"""
+        def answer(facets, columns):
+            traction, _, _ = self._at(facets, columns)
+            every = np.ones(len(facets), dtype=bool)
+            return traction.traction(values, self._local(p, traction.small), every)
+
+        return self._ask(place, rows, xi, answer)
+
+    def slopes(self, place, rows, xi, values, p, elastic=False):
+        """t2 (n, d), t2,i (n, 2, d) and the derivative (n, mt + no, d, d) of t2 by displacements. *Collective.*"""
+        d, n = self._space.dim, len(rows)
+        width = sum(self._widths)
+
+        def answer(facets, columns):
+            steps = [np.zeros(d - 1), *(sign * STEP * e for e in np.eye(d - 1) for sign in (1.0, -1.0))]
+            # the points of a facet come one after the other
+            every = np.repeat(facets, len(steps))
+            shifted = (columns[:, None] + np.array(steps)).reshape(len(every), d - 1)
+            traction, _, order = self._at(every, shifted)
+            local, wanted = self._local(p, traction.small), np.zeros(len(every), dtype=bool)
+            t = traction.traction(values, local, ~wanted).reshape(len(facets), len(steps), d)
+            along = np.zeros((len(facets), 2, d))
+            along[:, : d - 1] = (t[:, 1::2] - t[:, 2::2]) / (2.0 * STEP)
+            wanted[:: len(steps)] = True
+            layout, real = self._layout(facets, order[:: len(steps)])
+            found = traction.slopes(values, local, wanted, elastic).rows
+            found = np.take_along_axis(found, layout[:, :, None, None], axis=1) * real[:, :, None, None]
+            tables = (t[:, 0], d), (along, 2 * d), (found, width * d * d)
+            return np.concatenate([part.reshape(len(facets), k) for part, k in tables], axis=1)
+
+        said = self._ask(place, rows, xi, answer)
+        t, along, found = np.split(said, np.cumsum([d, 2 * d]), axis=1)
+        return t, along.reshape(n, 2, d), found.reshape(n, width, d, d)
+
+
+class WeightedFiniteTraction(FiniteTraction):
+    """The weighted traction of both sides of a pair, in the place of that of its source; parameters as for
+    `FiniteTraction`, and the :class:`FiniteTarget` and alpha (np,) of the undeformed source."""
+
+    def __init__(self, space, bulk, source, name, other):
+        super().__init__(space, bulk, source, name)
+        self._target, self._alpha = other
+        # displacements, partners, and what these add to the traction there
+        self._last = None
+
+    @property
+    def nodes(self):
+        """See :attr:`FiniteTraction.nodes`."""
+        return self._target.nodes
+
+    def weigh(self, found, nodal):
+        """See :meth:`FiniteTraction.weigh`. *Collective.*"""
+        found, self._facing = self._target.sides(found, self.source, nodal)
+        self._place, self._both = found.place, ~self._facing.alone
+        self._own, self._other, _, _ = weights(self._facing)
+        self._last = None
+        return found
+
+    def begin(self, method, growth, values, p):
+        """See :meth:`FiniteTraction.begin`. *Collective.*"""
+        facing, rows, self._last = self._facing, np.flatnonzero(self._both), None
+        other, ratio, source = np.ones_like(growth), np.ones(len(growth)), self.source
+        found = self._target.growth(self._place, rows, values, p)
+        slope, moved = source.grad if source.slope is None else source.slope, values[p.cells[source.facet[rows]]]
+        areas = np.linalg.norm(area_vectors(slope[rows], moved, source.normal[rows]), axis=1)
+        other[rows], ratio[rows] = found[:, :2], areas / found[:, 2]
+        if self._space.axisymmetric:
+            ratio[rows] *= self._target.radius[rows] / source.x[rows, 0]
+        first, second = facing.first.copy(), facing.second.copy()
+        first[:, 1] = self._alpha
+        if not self._target.sticks:
+            second[:, 1] = self._alpha
+        for side, grown in ((first, growth), (second, other)):
+            # see :meth:`pcontact.contact.formulation.methods.Method.begin`
+            side[:, 1] = np.maximum(side[:, 1], np.minimum(1.0, side[:, 1] * grown[:, 1] / grown[:, 0]))
+            side[:, 0] *= grown[:, 0]
+        self._facing = facing._replace(ratio=ratio)
+        self._own, self._other, trace, part = weights(self._facing._replace(first=first, second=second))
+        method.take_trace(trace)
+        method.take_alpha(part)
+        method.begin()
+
+    def reaches(self, p):
+        """See :meth:`FiniteTraction.reaches`."""
+        return self._both
+
+    def adjoint(self, values, p):
+        """See :meth:`FiniteTraction.adjoint`. *Collective.*"""
+        own = super().slopes(values, p, p.every, elastic=True).rows
+        xi = p.frozen.xi[:, : self._space.dim - 1]
+        return self._joined(own, p.every, self._both, xi, self._facing.ratio, values, p, True)[0]
+
+    def _moved(self, p, contact, wanted):
+        """Points (np,) whose partner has a part, of those that are wanted; J (np,), and the axis of symmetry."""
+        axis = np.inf
+        if self._space.axisymmetric and len(self.source.x):
+            axis = float(p.points.x[0, 0] - self.source.x[0, 0])
+        ratio, d = (self._both & wanted & contact.placed.live).astype(float), self._space.dim
+        work = point_work(d, p.points.on.shape[1] + p.targets.shape[1])
+        area_ratios(p.points, contact.partner, contact.motion, axis, work, ratio)
+        return ratio != 0.0, ratio, axis
+
+    def traction(self, values, p, wanted, contact=None):
+        """See :meth:`FiniteTraction.traction`. *Collective.*"""
+        own = super().traction(values, p, wanted)
+        return self._own[:, None] * own + self._added(values, p, contact)
+
+    def _added(self, values, p, contact):
+        """-w2 J t2 (np, d), where points have partners. Newton's method asks several times at one displacement.
+        *Collective.*"""
+        last = self._last
+        known = last is not None and last[1] is contact.partner and np.array_equal(last[0], values)
+        if not self._space.comm.allreduce(known, op=MPI.LAND):
+            both, ratio, _ = self._moved(p, contact, p.paired)
+            rows, xi = np.flatnonzero(both), contact.placed.xi[:, : self._space.dim - 1]
+            other = self._target.tractions(self._place, rows, xi[rows], values, p)
+            added = np.zeros_like(self.source.x)
+            added[rows] = -(self._other * ratio)[rows, None] * other
+            self._last = values.copy(), contact.partner, added
+        return self._last[2]
+
+    def _joined(self, own, wanted, both, xi, ratio, values, p, elastic):
+        """Rows of the wanted points by the nodes of both cells, and t2 (np, d) and t2,i (np, 2, d). *Collective.*"""
+        d, rows = self._space.dim, np.flatnonzero(both)
+        other, along = np.zeros((len(both), d)), np.zeros((len(both), 2, d))
+        other[rows], along[rows], found = self._target.slopes(self._place, rows, xi[rows], values, p, elastic)
+        joined = np.zeros((len(own), own.shape[1] + found.shape[1], d, d))
+        at = np.cumsum(wanted) - 1
+        joined[:, : own.shape[1]] = self._own[wanted][:, None, None, None] * own
+        joined[at[rows], own.shape[1] :] = -(self._other * ratio)[rows, None, None, None] * found
+        return joined, other, along
+
+    def slopes(self, values, p, wanted, elastic=False, contact=None):
+        """See :meth:`FiniteTraction.slopes`. *Collective.*"""
+        own = super().slopes(values, p, wanted, elastic)
+        both, ratio, axis = self._moved(p, contact, wanted)
+        xi = contact.placed.xi[:, : self._space.dim - 1]
+        joined, other, along = self._joined(own.rows, wanted, both, xi, ratio, values, p, elastic)
+        weight = np.where(self._both, -self._other, 0.0)
+        return Slopes(own.at, joined, Sides(weight, other, along, axis))
+
+
+def finite_traction(space, bulk, contact, source, alpha):
+    """The traction of a contact, that of a source or the weighted one of both sides. *Collective.*
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    bulk : pcontact.assembly.solid.Bulk
+    contact : pcontact.scene.model.Contact
+        With its numerics resolved.
+    source : pcontact.contact.surface.sides.SourceSurface
+    alpha : ndarray (np,)
+        Of the undeformed source.
+
+    Returns
+    -------
+    FiniteTraction
+    """
+    if not is_two_sided(space, bulk, contact):
+        return FiniteTraction(space, bulk, source, contact.source)
+    target = FiniteTarget(space, bulk, contact, source)
+    return WeightedFiniteTraction(space, bulk, source, contact.source, (target, alpha))

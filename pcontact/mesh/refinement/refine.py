@@ -13,8 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pcontact.element.reference import CELLS, reference_nodes
-from pcontact.element.shape import shape
+from pcontact.element.reference import CELLS, reference_nodes, shape
 from pcontact.mesh.distribute import deal
 from pcontact.mesh.geometry.belonging import belonging
 from pcontact.mesh.geometry.moving import halves_placed, placed

@@ -27,8 +27,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pcontact.element.reference import CELLS, edge_nodes, n_nodes, reference_nodes
-from pcontact.element.shape import shape, shape_gradient
+from pcontact.element.reference import CELLS, edge_nodes, n_nodes, reference_nodes, shape, shape_gradient
 from pcontact.mesh.distribute import deal
 from pcontact.mesh.geometry.moving import put_on
 from pcontact.mesh.mesh import Mesh, mixed

@@ -6,8 +6,7 @@ import pytest
 from pcontact.assembly.follower import FollowerPressure
 from pcontact.assembly.loads import load_vector
 from pcontact.element.quadrature import quadrature
-from pcontact.element.reference import CELLS
-from pcontact.element.shape import shape, shape_gradient
+from pcontact.element.reference import CELLS, shape, shape_gradient
 from pcontact.scene.amplitude import amplitude
 from pcontact.scene.functions import Prescribed
 from pcontact.scene.model import Load

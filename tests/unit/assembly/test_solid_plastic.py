@@ -5,7 +5,7 @@ import pytest
 
 from pcontact.assembly.geometry import bulk_degree
 from pcontact.element.quadrature import quadrature
-from pcontact.element.shape import shape
+from pcontact.element.reference import shape
 from pcontact.material.elastic import in_plane
 from pcontact.space.space import Space
 from tests.support.plastic import LAME, MATERIALS, YIELD_STRAIN, Point, mandel, solid, tensor

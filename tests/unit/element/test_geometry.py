@@ -5,8 +5,16 @@ import pytest
 
 from pcontact.element.geometry import facet_geometry, gradients
 from pcontact.element.quadrature import quadrature
-from pcontact.element.reference import CELLS, facet_area_vectors, facet_nodes, facet_points, n_nodes, reference_nodes
-from pcontact.element.shape import shape, shape_gradient
+from pcontact.element.reference import (
+    CELLS,
+    facet_area_vectors,
+    facet_nodes,
+    facet_points,
+    n_nodes,
+    reference_nodes,
+    shape,
+    shape_gradient,
+)
 
 SOLID = ["triangle", "quadrilateral", "tetrahedron", "hexahedron"]
 

@@ -6,8 +6,7 @@ import pytest
 from pcontact.element.dilatation import Dilatation
 from pcontact.element.geometry import facet_geometry, gradients
 from pcontact.element.quadrature import DEGREE, from_points, quadrature, reduced_gradients
-from pcontact.element.reference import CELLS, facet_points, reference_nodes
-from pcontact.element.shape import shape_gradient
+from pcontact.element.reference import CELLS, facet_points, reference_nodes, shape_gradient
 from pcontact.element.trace import trace_constant
 
 SERENDIPITY = ["quadrilateral8", "hexahedron20"]

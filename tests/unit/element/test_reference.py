@@ -18,8 +18,9 @@ from pcontact.element.reference import (
     facet_points,
     n_nodes,
     reference_nodes,
+    shape,
+    shape_gradient,
 )
-from pcontact.element.shape import shape, shape_gradient
 
 SOLID = ["triangle", "quadrilateral", "tetrahedron", "hexahedron", "quadrilateral8", "hexahedron20", "wedge", "wedge15",
          "pyramid", "pyramid13"]  # fmt: skip

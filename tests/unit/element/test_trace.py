@@ -9,8 +9,7 @@ from pcontact.element import trace
 from pcontact.element.dilatation import Dilatation
 from pcontact.element.geometry import facet_geometry
 from pcontact.element.quadrature import quadrature
-from pcontact.element.reference import CELLS, facet_nodes, n_nodes, reference_nodes
-from pcontact.element.shape import shape, shape_gradient
+from pcontact.element.reference import CELLS, facet_nodes, n_nodes, reference_nodes, shape, shape_gradient
 from pcontact.element.trace import trace_constant
 from tests.support.orthotropic import LAMINATE, SKEW, law_of, plane_axes
 

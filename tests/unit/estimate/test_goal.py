@@ -14,7 +14,7 @@ from meshes import rings as rings_mesh
 from meshes.blocks import two_blocks
 from pcontact.adapt.history import Watch
 from pcontact.contact.law import OPEN, SLIP, STICK
-from pcontact.element.shape import shape, shape_gradient
+from pcontact.element.reference import shape, shape_gradient
 from pcontact.estimate import goal, residuals
 from pcontact.estimate.goal import closing, contact_force, transposed, value
 from pcontact.estimate.goal import probe as goal_of_probe

@@ -55,7 +55,7 @@ def test_what_another_version_kept_is_compiled_anew(tmp_path, monkeypatch, rest)
 
 def test_sources_of_a_kernel():
     """What its module imports from, and what that does; nothing that has no part in kernels."""
-    found = set(sources(PACKAGE / "contact" / "search" / "nearest.py"))
+    found = set(sources(PACKAGE / "contact" / "search" / "projection.py"))
     assert {"contact.search.facet", "contact.search.exclusion", "contact.surface.facet_maps", "runtime.jit"} <= found
     assert "runtime.log" not in found and "cli" not in found
 

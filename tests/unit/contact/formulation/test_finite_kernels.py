@@ -34,8 +34,7 @@ from pcontact.contact.formulation.finite_kernels import (
 )
 from pcontact.contact.law import OPEN, SLIP, STICK, RowLaw, Tied, View
 from pcontact.contact.surface.facet_maps import KIND
-from pcontact.element.reference import reference_nodes
-from pcontact.element.shape import shape, shape_gradient
+from pcontact.element.reference import reference_nodes, shape, shape_gradient
 
 FACETS = [("segment", 1), ("segment", 2), ("triangle", 1), ("triangle", 2), ("quadrilateral", 1), ("quadrilateral", 2)]
 # law, status that is expected, and gap in parts of the facet

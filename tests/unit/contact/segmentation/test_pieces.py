@@ -4,13 +4,12 @@ import numpy as np
 import pytest
 
 from drivers.cases.patch import errors, scene
-from pcontact.contact.segmentation.clipping import Polygons, Tiles, tile
+from pcontact.contact.segmentation.overlaps import Polygons, Tiles, tile
 from pcontact.contact.segmentation.overlaps import tiles as tiles_of
 from pcontact.contact.segmentation.pieces import cut_source, cuts
 from pcontact.contact.surface.facet_maps import SQUARE_CORNERS, TRIANGLE_CORNERS
 from pcontact.contact.surface.sides import at_places, source_surface, target_surface
-from pcontact.element.reference import facet_nodes
-from pcontact.element.shape import shape
+from pcontact.element.reference import facet_nodes, shape
 from pcontact.runtime.petsc import MPI
 from tests.support.patch import blocks, solve
 from tests.support.small import SELF, make_space

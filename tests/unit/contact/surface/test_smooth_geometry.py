@@ -16,7 +16,7 @@ from meshes.shells import shells
 from pcontact.contact.surface.smooth_geometry import SmoothSurface, own_normals, smooth_surface
 from pcontact.contact.surface.vertex_normals import Facets, corner_normals, curved_normals, facet_normals
 from pcontact.element.quadrature import quadrature
-from pcontact.element.shape import shape
+from pcontact.element.reference import shape
 from pcontact.runtime import log
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Obstacle, Output, Scene

@@ -7,7 +7,7 @@ from pcontact.assembly.finite import FiniteSolid
 from pcontact.contact.finite_pair import finite_pair
 from pcontact.contact.law import OPEN
 from pcontact.contact.surface.sides import source_surface, target_surface
-from pcontact.contact.traction.finite_target import WeightedFiniteTraction
+from pcontact.contact.traction.finite import WeightedFiniteTraction
 from pcontact.material.elastic import in_plane
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Contact, Displacement, Material

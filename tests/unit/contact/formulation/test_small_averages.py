@@ -5,7 +5,7 @@ import pytest
 
 from pcontact.contact.formulation.augmented import acting as acting_of
 from pcontact.contact.formulation.augmented import update_multipliers
-from pcontact.contact.formulation.averages import local_means
+from pcontact.contact.formulation.small import local_means
 from pcontact.simulation import Simulation
 from tests.support.blocks import dragged
 from tests.support.small import SELF, blocks_file

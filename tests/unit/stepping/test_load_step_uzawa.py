@@ -15,7 +15,7 @@ from pcontact.runtime.observer import Observer
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Contact, Steps
 from pcontact.simulation import Simulation
-from pcontact.stepping.uzawa import rate
+from pcontact.stepping.load_step import rate
 from tests.support.blocks import blocks, dragged, made, pressed
 from tests.support.self_contact import strip
 from tests.support.small import SELF
@@ -65,7 +65,7 @@ def test_the_largest_eigenvalue_of_an_update(tmp_path, monkeypatch, order, width
     path = two_blocks(tmp_path / "b.msh", 2, 3, 4, "quadrilateral", widths=widths)
     case = dragged(path, 2, order, bilateral=True)
     case.petsc = {**LU, "contact_uzawa_max_it": "1"}
-    monkeypatch.setattr("pcontact.stepping.uzawa.CREEP", np.inf)
+    monkeypatch.setattr("pcontact.stepping.load_step.CREEP", np.inf)
 
     def measure(simulation):
         u, parts = simulation.stepper.u, simulation.problem.contacts[0].pairs
@@ -244,7 +244,7 @@ def test_multipliers_of_no_effect_ask_for_another_gamma(tmp_path, slowly, capsys
 
 def test_a_run_that_ends_with_multipliers_that_creep_is_warned_of(tmp_path, slowly, monkeypatch):
     case = slow(tmp_path, 6)
-    monkeypatch.setattr("pcontact.stepping.uzawa.CREEP", np.inf)
+    monkeypatch.setattr("pcontact.stepping.load_step.CREEP", np.inf)
     with running(case, tmp_path / "out") as (simulation, converged):
         assert converged
     assert (tmp_path / "out" / "report.json").read_text().count("contact floor: multipliers still change by") >= 1

@@ -14,7 +14,7 @@ from meshes import ironing
 from pcontact.runtime.petsc import MPI, PETSc
 from pcontact.simulation import Simulation
 from pcontact.solve.convergence import NewtonResult
-from pcontact.stepping.partner_update import PartnerUpdate
+from pcontact.stepping.load_step import PartnerUpdate
 
 WORLD = MPI.COMM_WORLD
 

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from pcontact.element import shape as module
-from pcontact.element.reference import CELLS
-from pcontact.element.shape import shape, shape_gradient
+from pcontact.element import reference as module
+from pcontact.element.reference import CELLS, shape, shape_gradient
 
 
 @pytest.mark.parametrize("table", [shape, shape_gradient])

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from meshes import two_blocks
-from pcontact.mesh.by_place import cells_by_place, facets_by_place, nodes_by_place
-from pcontact.mesh.raw import complete
+from pcontact.mesh.raw import cells_by_place, complete, facets_by_place, nodes_by_place
 from pcontact.mesh.read import read_mesh
 
 
