@@ -46,7 +46,6 @@ and those with the number as it is; 1: nothing changes. `passes` and `seconds` (
 are of all five. Numbers that change nothing here are those of ends that these loops do not meet (budgets, meshes that
 bring nothing, pressures), of rounding, and of sizes.
 """
-COLUMNS = ("module", "name", "value", "times", "unknowns", "named", "passes", "seconds")
 
 
 def modules():
@@ -55,16 +54,14 @@ def modules():
             for one in iter_modules(package.__path__)]  # fmt: skip
 
 
-def numbers():
-    """Module, name and value of every number, where it is defined."""
-    for module in modules():
-        if module.__name__ in NOT_TRIED:
-            continue
+def numbers(some, left_out=()):
+    """Module, name and value of every number of some modules, where it is defined."""
+    for module in some:
         text = Path(module.__file__).read_text(encoding="utf-8")
         lines = [line.partition(" = ") for line in text.splitlines() if line[:1].isupper() and " = " in line]
         for name, value in sorted(vars(module).items()):
             own = any(name in left.split(", ") and not re.search("[A-Z]{3}", right) for left, _, right in lines)
-            if name.isupper() and type(value) in (int, float) and own and name not in NO_NUMBERS:
+            if name.isupper() and type(value) in (int, float) and own and name not in left_out:
                 yield module, name, value
 
 
@@ -86,47 +83,80 @@ def loops(folder):
     return {"unknowns": unknowns, "named": named, "passes": passes, "seconds": clock.process_time() - start}
 
 
-def changed(module, name, value, factor, folder):
-    """The loops with a number that is another one, in all modules that have it from there."""
+def changed(number, factor, some, measure):
+    """What a function measures with a number that is another one, in all of some modules that have it from there."""
+    module, name, value = number
     other = type(value)(round(value * factor)) if type(value) is int else value * factor
-    of = [one for one in modules() if vars(one).get(name) is value and (one is module or name in vars(one))]
+    of = [one for one in some if vars(one).get(name) is value and (one is module or name in vars(one))]
     if other == value:
         other = value + (1 if factor > 1.0 else -1)
     try:
         for one in of:
             setattr(one, name, other)
-        return {"value": value, **loops(folder)}
+        return {"value": value, **measure()}
     finally:
         for one in of:
             setattr(one, name, value)
 
 
-def _run(args):
+def ablate(args, some, left_out, measure, compared):
+    """Rows of all numbers of some modules, those of an earlier run kept; and what the table says of each.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+    some : list of module
+    left_out : set of str
+        Names that are no numbers to try.
+    measure : callable
+        Makes a dict of lists and sums.
+    compared : tuple of str
+        Lists whose largest factor to those of the first row stands in the table; of the others the values.
+
+    Returns
+    -------
+    columns, entries : list
+    left : list of str
+        Numbers without a row.
+    """
     rows = Rows(args.o / "rows.jsonl", ("module", "name", "times"), comm=MPI.COMM_SELF)
-    loops(args.o)
-    first = rows.get({"module": "", "name": "as it is", "times": 1.0}, partial(loops, args.o))
-    for module, name, value in islice(numbers(), 0 if args.table else 1 if args.tiny else None):
+    first = rows.get({"module": "", "name": "as it is", "times": 1.0}, measure)
+    every = list(numbers(some, left_out))
+    for number in islice(every, 0 if args.table else 1 if args.tiny else None):
         for factor in FACTORS:
-            key = {"module": module.__name__.partition(".")[2], "name": name, "times": round(factor, 2)}
-            row = rows.get(key, partial(changed, module, name, value, factor, args.o))
-            log.info("%s", row)
-    known = {(module.__name__.partition(".")[2], name) for module, name, _ in numbers()}
-    found = [_entry(row, first) for row in rows if (row["module"], row["name"]) in known or row is first]
-    print_table("numbers over and times 1.5", COLUMNS, found)
+            key = {"module": number[0].__name__.partition(".")[2], "name": number[1], "times": round(factor, 2)}
+            log.info("%s", rows.get(key, partial(changed, number, factor, some, measure)))
+    known = {(module.__name__.partition(".")[2], name) for module, name, _ in every}
+    found = [row for row in rows if (row["module"], row["name"]) in known or row is first]
+    others = [key for key in first if key not in compared and key not in ("module", "name", "times")]
+    left = known - {(row["module"], row["name"]) for row in rows}
+    return (["module", "name", "value", "times", *compared, *others],
+            [_entry(row, first, compared, others) for row in found], sorted(f"{a} {b}" for a, b in left))  # fmt: skip
+
+
+def write_table(args, page, columns, found, left):
+    """Show the table, and write it into the docs where that is wanted."""
+    print_table("numbers over and times 1.5", columns, found)
     if args.publish is not None:
-        left = sorted(f"{module} {name}" for module, name in known - {(row["module"], row["name"]) for row in rows})
         rest = ["", f"Not run: {', '.join(left)}."] if left else []
-        lines = [*PAGE.splitlines(), *rest, "", *markdown(COLUMNS, found), ""]
-        args.publish.write_text("\n".join(lines), encoding="utf-8")
+        text = "\n".join([*page.splitlines(), *rest, "", *markdown(columns, found), ""])
+        args.publish.write_text(text, encoding="utf-8")
 
 
-def _entry(row, first):
+def _entry(row, first, compared, others):
     def most(key):
         pairs = [(a, b) for a, b in zip(row[key], first[key], strict=True) if a and b]
         return float(f"{max([max(a / b, b / a) for a, b in pairs], default=float('inf')):.3g}")
 
-    return [row["module"], row["name"], row.get("value", "-"), row["times"], most("unknowns"), most("named"),
-            row["passes"], float(f"{row['seconds']:.2g}")]  # fmt: skip
+    rest = [float(f"{row[key]:.2g}") if type(row[key]) is float else row[key] for key in others]
+    return [row["module"], row["name"], row.get("value", "-"), row["times"], *map(most, compared), *rest]
+
+
+def _run(args):
+    some = [module for module in modules() if module.__name__ not in NOT_TRIED]
+    loops(args.o)
+    found = ablate(args, some, NO_NUMBERS, partial(loops, args.o), ("unknowns", "named"))
+    write_table(args, PAGE, *found)
 
 
 def run(args):

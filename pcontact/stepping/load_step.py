@@ -28,6 +28,16 @@ FIRM = 1
 NEAR_SOLUTION = 1e-3
 # [searches] In a load step at most where the user does without a check, and bodies have finite strain. From: chosen.
 MOST = 8
+# [-] Change of the multipliers, in parts of the traction, up to which a load step may end after the last update, with a
+# warning. From: bodies enter each other by 1 % of what pressure does to a layer of cells.
+CREEP = 1e-2
+# [updates] So many in a row, each of which leaves the same part of the change, tell the rate. From: chosen; it decides
+# whether a load step is cut or the run ends.
+STEADY = 4
+# [-] Difference of these parts, in parts of one, that counts as none. From: chosen, as STEADY.
+ALIKE = 0.1
+# [updates] That a user may be asked for. From: chosen; a sentence depends on it, no iteration.
+ASKED = 300
 
 
 class PartnerUpdate:
@@ -175,18 +185,6 @@ def load_steps(problem, newton, options):
     items = [item for item in problem.others if item.follows or (item.verifies and most > 0)]
     return PartnerUpdate(problem, newton, most or MOST, options.get("contact_partner_rtol"), items,
                          partial(uzawa, problem.contacts, options=options))  # fmt: skip
-
-
-# [-] Change of the multipliers, in parts of the traction, up to which a load step may end after the last update, with a
-# warning. From: bodies enter each other by 1 % of what pressure does to a layer of cells.
-CREEP = 1e-2
-# [updates] So many in a row, each of which leaves the same part of the change, tell the rate. From: chosen; it decides
-# whether a load step is cut or the run ends.
-STEADY = 4
-# [-] Difference of these parts, in parts of one, that counts as none. From: chosen, as STEADY.
-ALIKE = 0.1
-# [updates] That a user may be asked for. From: chosen; a sentence depends on it, no iteration.
-ASKED = 300
 
 
 class Uzawa:
