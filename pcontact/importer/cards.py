@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pcontact.material.orthotropic import frame
 from pcontact.runtime.errors import CONTROL, InputError, input_error
 from pcontact.space.supports import Turn
 
@@ -311,11 +312,9 @@ def _system(card):
     if not rows or len(rows[0]) <= _POINTS // 2:
         return origin, np.eye(3)
     towards = (np.array((rows[1] + [0.0] * 3)[:3]) if len(rows) > 1 else origin + [-along[1], along[0], 0.0]) - origin
-    third = np.cross(along, towards)
-    if not np.any(third):
+    if not np.any(np.cross(along, towards)):
         raise card.refuse("points on one line", "three points that span a plane")
-    axes = [along / np.linalg.norm(along), third / np.linalg.norm(third)]
-    return origin, np.array([axes[0], np.cross(axes[1], axes[0]), axes[1]])
+    return origin, frame(along, towards)
 
 
 def _motion(card):

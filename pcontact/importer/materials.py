@@ -3,6 +3,7 @@
 import numpy as np
 
 from pcontact.importer.deck import EDGES, KINEMATICS, REDUCED, RIGID, SERENDIPITY, kind_of
+from pcontact.material.orthotropic import frame
 from pcontact.runtime.rules import is_number
 from pcontact.scene.orthotropic import PAIRS, indefinite
 
@@ -129,13 +130,10 @@ class Orientations:
             self._findings.leave(card, "allowed: SYSTEM=RECTANGULAR, Z RECTANGULAR, CYLINDRICAL")
             return None
         a, b = a - origin, b - origin
-        third = np.cross(a, b)
-        if np.linalg.norm(third) <= 1e-9 * np.linalg.norm(a) * np.linalg.norm(b):
+        if np.linalg.norm(np.cross(a, b)) <= 1e-9 * np.linalg.norm(a) * np.linalg.norm(b):
             raise card.refuse("points on one line", "points that span a plane")
         # of the first system a is along the first axis, of the other one along the third
-        second = np.cross(third, a)
-        frame = [second, third, a] if kind == "ZRECTANGULAR" else [a, second, third]
-        axes = turn @ np.array([one / np.linalg.norm(one) for one in frame])
+        axes = turn @ frame(a, b)[[1, 2, 0] if kind == "ZRECTANGULAR" else [0, 1, 2]]
         if self._plane and np.abs(axes[:, 2]).max() < ACROSS:
             self._findings.leave(card, "axes of which none is across the plane of the mesh")
             return None

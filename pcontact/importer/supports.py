@@ -6,6 +6,7 @@ import numpy as np
 
 from pcontact.importer.deck import faces
 from pcontact.importer.history import Amplitude, History, amplitude_key, factors
+from pcontact.material.orthotropic import frame
 
 # degrees of freedom of supports by name; from 4 on rotations
 _NAMED = {"XSYMM": (1, 5, 6), "YSYMM": (2, 4, 6), "ZSYMM": (3, 4, 5), "XASYMM": (2, 3, 4), "YASYMM": (1, 3, 5),
@@ -133,12 +134,8 @@ class Frames:
                 arm = np.zeros(3)
                 arm[(k + 1) % 3] = 1.0
                 arm[k] = -axial[(k + 1) % 3] / axial[k]
-            first = arm / np.linalg.norm(arm)
-            return np.array([first, np.cross(axial, first), axial])
-        first = a / np.linalg.norm(a)
-        third = np.cross(first, b)
-        third /= np.linalg.norm(third)
-        return np.array([first, np.cross(third, first), third])
+            return frame(arm, np.cross(axial, arm))
+        return frame(a, b)
 
 
 class Supports:

@@ -86,6 +86,11 @@ def label(tables, n_points):
     return rank[part]
 
 
+def merged(n, pairs):
+    """Numbers (n,) of things of which pairs (m, 2) are one, from 0 in the order of the first ones."""
+    return label([np.arange(n)[:, None].repeat(2, axis=1), pairs], n)[:n]
+
+
 class Numbers(NamedTuple):
     """The connected components of a distributed mesh as they are, before bodies are joined.
 

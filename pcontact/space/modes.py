@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pcontact.mesh.topology import label
+from pcontact.mesh.topology import merged
 from pcontact.runtime.petsc import MPI, PETSc
 
 # by the dimension, of each turn the directions of its plane: it leads from the first to the second
@@ -93,7 +93,7 @@ def join(space, pairs):
     """
     mesh = space.mesh
     n = mesh.n_components
-    number = label([np.column_stack([np.arange(n), np.arange(n)]), pairs], n)[:n]
+    number = merged(n, pairs)
     names = [dict.fromkeys([]) for _ in range(int(number.max(initial=-1)) + 1)]
     for old, new in enumerate(number):
         names[new].update(dict.fromkeys(mesh.component_names[old].split(" + ")))

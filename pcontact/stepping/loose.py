@@ -16,7 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from pcontact.assembly.item import ActiveSet
-from pcontact.mesh.topology import label
+from pcontact.mesh.topology import merged
 from pcontact.runtime import log
 from pcontact.runtime.petsc import MPI
 from pcontact.solve.problem import ROUNDINGS
@@ -286,7 +286,7 @@ def _least_motions(shape, bodies, rows, bounds):
     n, m = shape
     away = np.zeros(shape)
     partners = np.where(bodies >= 0, bodies, bodies[:, ::-1])
-    group = label([np.column_stack([np.arange(n), np.arange(n)]), partners], n)[:n]
+    group = merged(n, partners)
     for k in np.unique(group[partners[:, 0]]):
         some, chosen = np.flatnonzero(group == k), np.flatnonzero(group[partners[:, 0]] == k)
         matrix = np.zeros((len(chosen), n, m))
