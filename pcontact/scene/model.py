@@ -539,7 +539,7 @@ class Contact:
     traction: str | None = key(
         choice("both", "source"), "with Nitsche's method: whose stress the traction is taken from", default="both",
         option="contact_traction", resolved=True, kw_only=True, otherwise="both; with `-error` source",
-        more="`both` sides of two surfaces, see [formulations.md](formulations.md)",
+        more="`both` sides, see [formulations.md](formulations.md)",
     )  # fmt: skip
     quadrature: int | None = key(
         integer(1, 20), "degree of the quadrature on source facets", default=None, otherwise="from the element",

@@ -1102,11 +1102,10 @@ class Share:
 def is_two_sided(space, bulk, contact):
     """Return whether the traction of a contact by Nitsche's method is the weighted one of both sides. *Collective.*
 
-    It is, unless the contact says otherwise, between bodies. Where a body meets itself partners jump around corners,
-    with their stress, and sides are as stiff as each other. The second derivative of the stress, which the
-    consistent adjoint of cells with small strain that yield has, is that of the source alone.
+    It is, unless the contact says otherwise. The second derivative of the stress, which the consistent adjoint of
+    cells with small strain that yield has, is that of the source alone.
     """
-    if contact.target is None or contact.meets_itself or contact.traction == "source":
+    if contact.target is None or contact.traction == "source":
         return False
     groups = [space.mesh.facet_groups.get(name, []) for name in (contact.source, contact.target)]
     numbers = {facets.block for group in groups for facets in group if len(facets.cells)}

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from drivers._common import make_mesh, running
-from meshes import c_strip
+from drivers.studies.swapped import scene, solved
+from meshes import c_strip, two_blocks
 from pcontact.contact.formulation.methods import contacts_of_halves, halved
 from pcontact.contact.pair import contact_pair
 from pcontact.contact.search.partners import find_partners
@@ -16,12 +17,12 @@ from pcontact.mesh.read import read_mesh
 from pcontact.mesh.topology import components
 from pcontact.runtime.observer import Observer
 from pcontact.runtime.petsc import MPI
-from pcontact.scene.model import Contact
+from pcontact.scene.model import Contact, Region
 from pcontact.simulation import Simulation
 from pcontact.space.space import Space
 from tests.support.pairs import CONSTANTS, by_key, residual_of
 from tests.support.self_contact import ALONE, annulus, skin_of, strip
-from tests.support.small import DIMENSION, SELF, Together, block_file, blocks_file, dense_item, vector_of
+from tests.support.small import DIMENSION, SELF, Together, block_file, blocks_file, dense_item, elastic_solid, vector_of
 
 WORLD = MPI.COMM_WORLD
 SEARCHES = ["closest_point", "ray_tracing"]
@@ -148,13 +149,14 @@ def probes(record):
 
 
 @pytest.mark.parallel
-@pytest.mark.parametrize("cell, search, friction", [
-    ("quadrilateral", "closest_point", 0.3), ("quadrilateral", "ray_tracing", 0.3),
-    pytest.param("triangle", "closest_point", 0.3, marks=pytest.mark.slow),
+@pytest.mark.parametrize("cell, search, traction", [
+    ("quadrilateral", "closest_point", "both"), ("quadrilateral", "ray_tracing", "both"),
+    ("quadrilateral", "closest_point", "source"), ("quadrilateral", "ray_tracing", "source"),
+    pytest.param("triangle", "closest_point", "source", marks=pytest.mark.slow),
 ])  # fmt: skip
-def test_lips_of_one_body_are_those_of_two(shared_tmp, cell, search, friction):
-    """Same points, same partners, the traction of each its own: the same numbers; hoop force of a closed ring."""
-    said = {"search": search, "friction": friction, "cell": cell, "n": (6, 48), "traction": "source"}
+def test_lips_of_one_body_are_those_of_two(shared_tmp, cell, search, traction):
+    """Same points, same partners, same tractions: the same numbers; hoop force of a closed ring."""
+    said = {"search": search, "friction": 0.3, "cell": cell, "n": (6, 48), "traction": traction}
     one, two = (closed(shared_tmp, split, **said) for split in (False, True))
     np.testing.assert_allclose(probes(one), probes(two), rtol=0.0, atol=1e-6)
     a, b = one["contacts"]["lips"], two["contacts"]["lips"]
@@ -177,25 +179,30 @@ def test_the_whole_skin_closes_at_the_lips(shared_tmp, search):
 # -- tangent, ranks -----------------------------------
 
 
+@pytest.mark.parametrize("traction", ["both", "source"])
 @pytest.mark.parametrize("friction", [0.0, 0.3])
 @pytest.mark.parametrize("theta", [1.0, 0.0, -1.0])
-def test_tangent(tmp_path, theta, friction):
+def test_tangent(tmp_path, theta, friction, traction):
     """Of lips that overlap in part: the derivative, symmetric for theta = 1; forces balance."""
     path = c_strip(tmp_path / "strip.msh", (2, 8), gap=2.0)
     raw = read_mesh(path)
     mesh = distribute(SELF, raw, False, np.zeros(len(raw.blocks[0].nodes), dtype=np.int64), components(raw))
     mesh.component_names = ["strip"]
     space = Space(mesh, 1)
-    contact = Contact("skin", "skin", theta=theta, search="closest_point", gamma0=1.0, friction=friction, alpha=0.7)
-    (one,) = contacts_of_halves(contact, False)
+    said = {"search": "closest_point", "gamma0": 1.0, "friction": friction, "alpha": 0.7, "traction": traction}
+    contact = Contact("skin", "skin", theta=theta, **said)
+    (one,) = contacts_of_halves(contact, traction == "both")
     source = source_surface(space, "skin", [CONSTANTS])
     target = self_surface(space, target_surface(space, "skin"), source)
-    item = Together(contact, [contact_pair(space, one, halved(source), target, 1.0)])
+    bulk = elastic_solid(space, [CONSTANTS])
+    item = Together(contact, [contact_pair(space, one, halved(source), target, 1.0, bulk=bulk)])
     x = space.points[space.owned_local]
     u = np.zeros_like(x)
     u[:, 1] = -0.2 * np.sign(x[:, 1]) * (x[:, 0] > 8.0) * (1.0 + 0.3 * (x[:, 0] - 10.0))
+    u[:, 0] = -0.1 * u[:, 1]
     item.detect(vector_of(space, 0.9 * u), 1.0)
     assert 0 < item.summary(vector_of(space, u))["slip"] < len(source.facet)
+    assert item.pairs[0].terms.wide(item.pairs[0].pairing).any() == (traction == "both")
     v = 1e-7 * np.random.default_rng(2).normal(size=x.shape)
     k = dense_item(item, vector_of(space, u))
     change = residual_of(item, u + v) - residual_of(item, u - v)
@@ -244,3 +251,18 @@ def test_displacements_do_not_depend_on_the_ranks(shared_tmp):
             simulation.close()
         WORLD.Barrier()
     np.testing.assert_allclose(results[0], results[1], atol=1e-7)
+
+
+@pytest.mark.parametrize("strain", ["small", "finite"])
+def test_a_soft_and_a_stiff_surface_of_one_group(tmp_path, strain):
+    """The pressure is that of the two as surfaces of their own, which the traction of the stiff side does not know."""
+    path, pressures = make_mesh(two_blocks, tmp_path / "b.msh", 2, 8, 16, heights=(1.0, 0.3)), {}
+    for alone in (False, True):
+        case = scene(path, 1, 1e3, 0.5, "both", strain)
+        if alone:
+            case.regions = [Region("faces", where="y == 1")]
+            case.contacts = [Contact("faces", "faces", name="c", friction=0.5, self_contact=True)]
+        place, pressure, _, _ = solved(case)
+        order = np.lexsort([pressure, np.round(place, 9)])
+        pressures[alone] = pressure[order]
+    np.testing.assert_allclose(pressures[True], pressures[False], rtol=1e-6)
