@@ -4,7 +4,7 @@ from functools import partial
 
 import pytest
 
-from meshes import c_strip, one_block, thick_cylinder
+from meshes import c_strip, one_block, thick_cylinder, two_blocks
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
@@ -35,3 +35,25 @@ def test_a_surface_that_cannot_meet_itself(shared_tmp):
         built(*refused, self_contact=True)
     built(ring, "body", "inner", "outer")
     built(strip, "strip", "skin", "back")
+
+
+@pytest.mark.parametrize(("said", "bound"), [
+    ({}, 0.25), ({"traction": "source"}, 0.25), ({"unbiased": True}, 0.25),
+    ({"unbiased": True, "traction": "source"}, 0.125), ({"pressure_overclosure": 1.0}, 0.0),
+    ({"unbiased": True, "traction": "source", "pressure_overclosure": 1.0}, 0.0),
+])  # fmt: skip
+def test_bound_of_gamma0(shared_tmp, said, bound):
+    """Half where both sides take their own stress alone; none where the pressure is said by the closure."""
+    path = shared_tmp / "blocks.msh"
+    on_root(WORLD, partial(two_blocks, path, 2, 2))
+    for gamma0 in (0.99 * bound, 1.01 * bound + 1e-3):
+        scene = Scene(
+            MeshSpec(path), {"m": Material(1.0, 0.3)}, [Body("lower", "m"), Body("upper", "m")],
+            [Contact("upper_bottom", "lower_top", gamma0=max(gamma0, 1e-3), theta=0.0, **said)],
+            [Displacement("lower_bottom", [0.0, 0.0])], output=Output(fields=False),
+        )  # fmt: skip
+        if gamma0 < bound:
+            with pytest.raises(InputError, match=f"gamma0: found .*>= {bound:g}"):
+                Simulation(scene)
+        else:
+            Simulation(scene).free()
