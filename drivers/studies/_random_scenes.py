@@ -26,6 +26,8 @@ ALONG, FAR = 0.25, 0.6
 AT_VERTICES, AT_EDGES = 10.0, 3.0
 
 
+# Of cells that are turned inside out, at most. From: chosen.
+HALVINGS = 4
 # [rad] Facets of arcs, by the degree of the mesh, at most, where the program is not given the geometry: larger ones are
 # the shape, not what stands for it. From: chosen.
 ARC = {1: 0.5, 2: 0.8}
@@ -79,16 +81,24 @@ class Drawn:
         return [of for of in self.quantities if of.partition(":")[0] in QUANTITIES and of != "energy"]
 
     def begun(self, folder):
-        """The scene on its mesh to begin with, which is written into a folder."""
+        """The scene on its mesh to begin with, which is written into a folder: the first one without a cell that is
+        turned inside out, of cells half as large each time."""
         path = folder / f"start_{self.seed}.msh"
-        with gmsh_model("start"):
-            self._start()
-            if self.geometry:
-                gmsh.write(str(path.with_suffix(".brep")))
-            gmsh.model.mesh.generate(3 if self.depth else 2)
-            if self.order == 2:
-                gmsh.model.mesh.setOrder(2)
-            write(path)
+        for halvings in range(HALVINGS + 1):
+            with gmsh_model("start"):
+                self._start(0.5**halvings)
+                if self.geometry:
+                    gmsh.write(str(path.with_suffix(".brep")))
+                gmsh.model.mesh.generate(3 if self.depth else 2)
+                if self.order == 2:
+                    gmsh.model.mesh.setOrder(2)
+                try:
+                    write(path)
+                    break
+                except RuntimeError:
+                    # curved facets of few cells may go through the other side of a thin ring
+                    if halvings == HALVINGS:
+                        raise
         scene = self._on(path)
         scene.mesh.geometry = path.with_suffix(".brep") if self.geometry else None
         if self.depth:
@@ -161,11 +171,11 @@ class Drawn:
                 group(1, name, lines)
         return curves, every
 
-    def _start(self):
-        """Draw the mesh to begin with."""
+    def _start(self, scale=1.0):
+        """Draw the mesh to begin with, with cells of sizes times a number."""
         rng, sizes = np.random.default_rng([21, self.seed]), []
         for shape in self.shapes:
-            size = {"one cell": 10.0, "coarse": 0.7, "fair": 0.3, "badly graded": 0.7}[self.sizes] * shape.width
+            size = {"one cell": 10.0, "coarse": 0.7, "fair": 0.3, "badly graded": 0.7}[self.sizes] * shape.width * scale
             spread = np.exp(rng.uniform(-2.0, 0.5, len(shape.points))) if self.sizes == "badly graded" else 1.0
             sizes.append(size * spread * np.ones(len(shape.points)))
             for k, (_, centre) in enumerate(shape.edges if not self.geometry else ()):
