@@ -133,8 +133,11 @@ def balance(scene, options):
     return _pairs(scene), options.get("partition_weight"), method
 
 
-def read(scene, comm, options):
-    """The distributed mesh of a scene. *Collective.*"""
+def read(scene, comm, options, degree=None):
+    """The distributed mesh of a scene. *Collective.*
+
+    `degree`: of the displacement, by a mesh that is whole, where the scene does not say.
+    """
     pairs, weight, method = balance(scene, options)
 
     def check(mesh):
@@ -153,6 +156,7 @@ def read(scene, comm, options):
     if order is None and scene.mesh.geometry is not None and not is_converted(scene.mesh_path):
         # cells that are to curve have nodes in the middles of their edges
         order = 2
+    order = degree if order is None else order
     try:
         mesh = load_mesh(comm, scene.mesh_path, order, regions, pairs, check, (weight, method), serendipity)
     except PETSc.Error as error:

@@ -31,8 +31,7 @@ from drivers.studies._named_pressure import Pressure
 from drivers.studies._named_pressure import made as made_pressure
 from meshes.punch import punch
 from pcontact.adapt.loop import Loop, reach
-from pcontact.estimate.size import largest_contributions
-from pcontact.io.refine import read_estimate
+from pcontact.io.refine import largest_contributions, read_estimate
 from pcontact.mesh.refinement.gather import halved_where
 from pcontact.mesh.refinement.refine import refine
 from pcontact.mesh.remesh import write_refined

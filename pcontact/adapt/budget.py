@@ -10,21 +10,16 @@ from pcontact.adapt.passes import free_memory, memory_each
 from pcontact.runtime import profile
 from pcontact.runtime.petsc import MPI
 
-# [-] Power of the unknowns that the seconds of a pass grow with. From: multigrid, and searches that take a little more.
-POWER = 1.1
-# [passes] At most. From: each pass at least doubles the cells or is the last one.
-MOST = 14
-
 
 def costs(passes):
-    """Seconds of a pass that do not grow, and those of the last one that grow with the unknowns."""
+    """Seconds of a pass that do not grow, and those of the last one that grow with the unknowns, in proportion."""
     last = passes[-1]
     spent = [one.seconds - one.trials for one in passes]
     if len(passes) < 2 or last.unknowns <= passes[0].unknowns:
         # the first one loads what is needed; estimates take about as long as the load steps
         rest = min(2.0 * last.solve, spent[-1])
         return spent[-1] - rest, rest
-    first = (passes[0].unknowns / last.unknowns) ** POWER
+    first = passes[0].unknowns / last.unknowns
     rest = min(max((spent[-1] - spent[0]) / (1.0 - first), 2.0 * last.solve, 0.0), spent[-1])
     return spent[-1] - rest, rest
 
@@ -72,8 +67,7 @@ class Budgeted:
         if self._time is not None:
             # the clock of one rank is not that of the others
             fixed, rest = costs(passes)
-            left = self._comm.bcast(max(self._time - elapsed - fixed, 0.0) / max(rest, 1e-6))
-            limits["time"] = left ** (1.0 / POWER)
+            limits["time"] = self._comm.bcast(max(self._time - elapsed - fixed, 0.0) / max(rest, 1e-6))
         self.by = min(limits, key=limits.get)
         return limits[self.by]
 
@@ -136,7 +130,7 @@ class Forecast(NamedTuple):
         return {"passes": len(self.unknowns), **self._asdict()}
 
 
-def forecast(comm, passes, squares, part, whole=False, most=MOST, degree=None, count=None):
+def forecast(comm, passes, squares, part, whole=False, degree=None, count=None):
     """Play the passes that bring the error of the last one down to a part of it. *Collective.*
 
     Parameters
@@ -150,8 +144,6 @@ def forecast(comm, passes, squares, part, whole=False, most=MOST, degree=None, c
         Of its error in the energy norm, to be left.
     whole : bool
         Whether all cells are halved together.
-    most : int
-        Passes at most.
     degree : int or ndarray (n,), optional
         Of the displacement of the cells; absent: of the last pass.
     count : ndarray (n,), optional
@@ -166,7 +158,7 @@ def forecast(comm, passes, squares, part, whole=False, most=MOST, degree=None, c
     number, left = np.ones(len(squares)) if count is None else count, 1.0
     aims, followers = part if isinstance(part, Aims) else Aims(part, part, part), _followers(passes)
     cells = comm.allreduce(float(number.sum()), op=MPI.SUM)
-    while left > aims.enough and len(unknowns) < most:
+    while left > aims.enough:
         known, aim = len(unknowns) > 1, aims.first if len(unknowns) == len(passes) else aims.later
         errors = Contributions(squares, degree, last.known.dim, number, whole=whole)
         step = next_cuts(comm, errors, aim / left, np.inf, known)
@@ -178,7 +170,7 @@ def forecast(comm, passes, squares, part, whole=False, most=MOST, degree=None, c
         growth = comm.allreduce(float(number.sum()), op=MPI.SUM) / cells
         # neighbours of cells that are cut follow: the first time most of them
         unknowns.append((1.0 if whole else followers) * last.unknowns * growth)
-    grown = [(one / last.unknowns) ** POWER for one in unknowns]
+    grown = [one / last.unknowns for one in unknowns]
     fixed, rest = costs(passes)
     seconds = sum(fixed + rest * one for one in grown) + sum(one.trials for one in passes)
     memory = last.memory + memory_each(passes) * (max(unknowns) - last.unknowns)

@@ -4,21 +4,15 @@ import time as clock
 
 import numpy as np
 
-from pcontact.adapt.budget import MOST, Aims, Budgeted, forecast
+from pcontact.adapt.budget import Aims, Budgeted, forecast
 from pcontact.adapt.mark import MEASURED, degrees, of_parts, parts_of
 from pcontact.adapt.passes import cost_of, said_of
-from pcontact.adapt.settings import AIM, FACETS, NOTICED, SHARE, THIRD
+from pcontact.adapt.settings import AIM, FACETS, FULL, NOTICED, SHARE, THIRD
 from pcontact.runtime import log
 
 REACHED, FAILED, SPENT = 0, 1, 4
 # [passes] After which a mesh must have brought something. From: each at least doubles the cells or is the last one.
 PATIENCE = 3
-# [-] Part of a budget that a mesh has to fill, where it is the limit; its root is aimed at. From: chosen; the error
-# falls with the root of the unknowns, or faster.
-FULL = 0.85
-# [-] Unknowns that the target would take over those of now, with which it is out of reach. From: chosen, more than two
-# more passes.
-FARTHEST = 1e4
 # [-] Power of a pressure from which on its square has no integral in the plane, as far as meshes tell it: 0.02 more.
 # From: a punch that is a hundred times as stiff as the block, -0.50.
 NO_SQUARE = -0.48
@@ -88,16 +82,16 @@ class Decision:
         wall = self._refining.corners.wall
         if wall is not None and (wall.power <= NO_SQUARE or wall.left > goal * done.known.least):
             return self._spent(_said_of_wall(wall))
-        if len(self._passes) >= MOST or self._stalls():
+        if self._stalls():
             largest = max(done.parts, key=done.parts.get)
             return self._spent(f"finer meshes do not bring it down, the largest part is {said_of(largest)}")
         stays = self._look_at_what_stays(done)
         if stays and done.error <= self.aim:
             return self._spent(stays)
-        far = cost_of(self._passes, self.aim)["unknowns"]
-        if not self._budget.given and self._alike() > PATIENCE and far > FARTHEST * done.unknowns:
-            return self._spent(f"at the rate seen it would take {far:.2g} unknowns")
         self.most = self._budget.most(self._passes, clock.perf_counter() - self._start)
+        far = cost_of(self._passes, self.aim)["unknowns"]
+        if not self._budget.given and self._alike() > PATIENCE and far > self.most * done.unknowns:
+            return self._spent(f"at the rate seen it would take {far:.2g} unknowns, for which there is no memory")
         if FULL * self.most < 1.0:
             return self.spent(), None
         self._asked = most = self._budget.of_cells(self.most)

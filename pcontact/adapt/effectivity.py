@@ -57,6 +57,13 @@ class Range(NamedTuple):
     dim: int
 
 
+def unseen(space):
+    """What is known of estimates of the energy norm on a mesh that none has been compared with. *Collective.*"""
+    degree = min([space.degree, *(space.degree_of(block) for block in space.mesh.blocks)])
+    words = f"degree {space.degree} in {'the plane' if space.dim == 2 else 'space'}"
+    return Range(*UNSEEN[space.dim, space.comm.allreduce(degree, op=MPI.MIN)], words, space.dim)
+
+
 def part_of(coarse, fine, change):
     """The part of the error that estimates are, at most 1.
 
@@ -203,10 +210,7 @@ class Effectivity:
             self._part, self.unforeseen = (self._part, 0.0) if pair is None else (pair, change)
         if self._part is not None:
             return self._part, Range(*SEEN, "meshes that have been compared", space.dim)
-        degree = min([space.degree, *(space.degree_of(block) for block in space.mesh.blocks)])
-        words = f"degree {space.degree} in {'the plane' if space.dim == 2 else 'space'}"
-        known = Range(*UNSEEN[space.dim, space.comm.allreduce(degree, op=MPI.MIN)], words, space.dim)
-        return YIELDING if simulation.scene.plastic else 1.0, known
+        return YIELDING if simulation.scene.plastic else 1.0, unseen(space)
 
     def of_quantity(self, dim):
         """What is known of the estimate of the quantity: a :class:`Range`."""

@@ -5,7 +5,7 @@ from copy import copy
 import numpy as np
 
 from pcontact.adapt.edges import front_of
-from pcontact.adapt.effectivity import Effectivity
+from pcontact.adapt.effectivity import Effectivity, unseen
 from pcontact.adapt.passes import Pass
 from pcontact.adapt.secondary import Runs, Secondary
 from pcontact.adapt.settings import FACETS, NOTICED, THIRD
@@ -94,7 +94,7 @@ class Measure:
         pcontact.adapt.passes.Pass
         """
         space, mesh, comm = simulation.problem.space, simulation.mesh, simulation.comm
-        norm, confirmed = watch.norm if watch.norm > 0.0 else 1.0, True
+        norm, confirmed, floor = watch.norm if watch.norm > 0.0 else 1.0, True, 0.0
         estimate, size, found, likely, part = watch.absolute / norm, norm, None, 0.0, 1.0
         beside = {"algebraic": watch.algebraic / norm}
         loads, forces = simulation.error_estimate.of_loads(watch.time, 0.5 * NOTICED * self._settings.goal * norm)
@@ -113,13 +113,15 @@ class Measure:
             watch.squares = self._indicators(simulation, watch, found)
             if self._target.quantity != "pressure":
                 beside = {"algebraic": abs(found.algebraic) / size, "loads": abs(found.loads) / size}
-                # either estimate may be as much of the error as that of the quantity, in its norm
-                sure = found.bound <= known.least**2 * self._settings.goal * size and not simulation.scene.plastic
-                confirmed = sure or bool(self._passes)
+                if not self._passes:
+                    # contributions cancel by chance, and either estimate may be as much of its error as meshes show
+                    # that none has been compared with
+                    floor, least = found.bound / size, unseen(space).least
+                    confirmed = floor <= least**2 * self._settings.goal and not simulation.scene.plastic
         times = simulation.times()
         done = Pass(
             unknowns=space.n_dofs, cells=mesh.n_cells_total, degree=space.degree, estimate=estimate, known=known,
-            parts={"mesh": estimate / known.least, **beside}, steps=self._settings.steps,
+            parts={"mesh": max(estimate / known.least, floor), **beside}, steps=self._settings.steps,
             seconds=seconds, solve=times["solve"], memory=times["peak_memory_mb"] * 2.0**20,
             entries=simulation.problem.matrix.matrix.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"],
             part=part, of=self._target.of, confirmed=confirmed,

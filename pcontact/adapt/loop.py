@@ -17,7 +17,7 @@ from pcontact.adapt.history import Beginning, Watch
 from pcontact.adapt.passes import ended, line, report, said_of
 from pcontact.adapt.refining import Refining
 from pcontact.adapt.secondary import ALL
-from pcontact.adapt.settings import ALONE, Settings
+from pcontact.adapt.settings import FEW, Settings
 from pcontact.mesh.hdf5 import write
 from pcontact.mesh.refinement.gather import gathered
 from pcontact.runtime import log, profile
@@ -293,7 +293,7 @@ class Loop:
         growing = [one for one in self.passes if one.degree == done.degree]
         _, first = step
         # one pass does not tell which of its seconds more unknowns take
-        more = len(growing) < 2 and first.cuts.growth * done.unknowns < ALONE
+        more = len(growing) < 2 and first.cuts.growth * done.unknowns < FEW
         if self._settings.degree.is_open or more:
             return None
         self.ahead = self._decision.forecast(simulation.problem.space, growing, watch.squares, first)

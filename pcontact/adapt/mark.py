@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact.element.reference import CELLS
+from pcontact.mesh.refinement.simplices import WISHED
 from pcontact.mesh.refinement.split import folded
 from pcontact.runtime import log
 from pcontact.runtime.petsc import MPI
@@ -28,10 +29,9 @@ LEAST_GROWTH = 2.0
 # [-] Part of their squares by which cells that are alike differ. From: a mesh and its mirror image, whose squares
 # differ by what the solver leaves.
 SAME = 1e-4
-# [-] Cells per cell on a singular edge that are made by a halving of it; the most halvings of one at once; and the
-# square of a cell beside it over that of one on it. From: bisection of a tetrahedron into eight, two of which have the
-# edge; chosen; a stiff cube on a block, degree 2.
-COST, DEEPEST, BESIDE = 7.0, 12, 0.004
+# [-] Cells per cell on a singular edge that are made by a halving of it; and the square of a cell beside it over that
+# of one on it. From: bisection of a tetrahedron into eight, two of which have the edge; a stiff cube on a block.
+COST, BESIDE = 7.0, 0.004
 # [-] The neighbours of the cells that are cut follow: unknowns over those expected, before it has been seen.
 # From: named_error.py.
 FOLLOWERS = 1.4
@@ -224,9 +224,10 @@ def _toward_edges(comm, errors, scale, more, sums):
     power, smooth, edge = errors.power[on], 2.0 * degree[on] + dim, errors.touches[on] == 2
     with np.errstate(divide="ignore"):
         over = np.maximum(np.log2(errors.shared[on] / (COST * scale)), 0.0)
-    halvings = np.minimum(over / power, DEEPEST)
+    deepest = WISHED // dim
+    halvings = np.minimum(over / power, deepest)
     left = np.where(edge, 2.0**halvings, 1.0) * 2.0 ** (-halvings * power)
-    for k in range(DEEPEST):
+    for k in range(deepest):
         # beside those that have been halved k times
         beside = np.minimum(BESIDE * 2.0 ** (-k * power), 2.0**-over / COST)
         left += (COST - 1.0) * 2.0**k * beside * np.clip(halvings - k, 0.0, 1.0)

@@ -4,13 +4,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from pcontact.adapt.settings import FULL
 from pcontact.runtime.errors import InputError
 from pcontact.scene.keys import options as key_options
 from pcontact.scene.target import BEST, Budget, Target
 from pcontact.scene.validate import validate
-
-# free memory that a run may take, where the user does not say
-FREE = 0.8
 
 
 def wanted(scene, options):
@@ -61,7 +59,7 @@ def free_memory():
     try:
         with open("/proc/meminfo", encoding="ascii") as lines:
             found = dict(line.split(":", 1) for line in lines)
-        return FREE * 1024.0 * float(found["MemAvailable"].split()[0])
+        return FULL * 1024.0 * float(found["MemAvailable"].split()[0])
     except (OSError, KeyError, ValueError):
         return None
 

@@ -90,12 +90,17 @@ class Refining:
         self.corners.sought = not scene.plastic
         said = self._settings.degree.now
         # read as the user says: with a geometry cells are to be curved with either degree
-        mesh = build.read(replace(scene, mesh=replace(scene.mesh, order=said)), self._comm, self._options)
+        mesh = build.read(
+            replace(scene, mesh=replace(scene.mesh, order=said)),
+            self._comm,
+            self._options,
+            lambda raw: 2 if self._settings.degree.few(raw.dim, 2**raw.dim * len(raw.points)) else 1,
+        )
         own = {block.cell for block in mesh.blocks if len(block.nodes)}
         kinds = set().union(*self._comm.allgather(own))
         self.whole = not kinds <= set(SIMPLICES)
         stiff = locking(scene, 1) if self.whole and not mesh.curved else None
-        why = self._settings.degree.few(mesh)
+        why = self._settings.degree.few(mesh.dim, mesh.n_nodes_total * (1 if mesh.degree == 2 else 2**mesh.dim))
         if stiff is not None:
             why = f"{NAMES[mesh.dim]} of degree 1 would be too stiff in {stiff} (locking)"
         if said is None and why:

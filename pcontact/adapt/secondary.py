@@ -128,8 +128,6 @@ def at_places(space, u, places):
     return moved[space.owned_local].ravel()
 
 
-# [-] Degrees that the quadrature of contact is raised by. From: chosen; what they leave is far below what they change.
-HIGHER = 4
 # [-] Power of their number that errors of load steps are named with: that without regularity in time, the least.
 # From: Han and Reddy, Plasticity, 12.2: 1/2, and 1 with it; 4 to 64 load steps of sheared blocks have 0.7.
 STEPS_RATE = 0.5
@@ -176,9 +174,9 @@ def more_steps(scene, _):
 
 
 def finer_quadrature(scene, degree):
-    """The scene with more quadrature points on its contacts, for a displacement of a degree."""
+    """The scene with the quadrature on its contacts that displacements of twice the degree have."""
     usual = 2 * degree + 5
-    contacts = [replace(one, quadrature=(one.quadrature or usual) + HIGHER) for one in scene.contacts]
+    contacts = [replace(one, quadrature=(one.quadrature or usual) + 2 * degree) for one in scene.contacts]
     return replace(scene, contacts=contacts)
 
 
@@ -378,7 +376,7 @@ class Secondary:
         large = THIRD * own if own > goal else max(THIRD * goal, goal - own)
         new = told is None or sum(self._now(told, done).values()) > large
         if new and (last or self._near(simulation, done)):
-            told = self._told = self._measured(simulation, watch, done, size)
+            told = self._told = self._measured(simulation, watch, done, size, last)
         if self._facets is None:
             self._facets = self._of_facets(simulation, watch, done, size)
         done.trials += clock.perf_counter() - begun
@@ -422,8 +420,8 @@ class Secondary:
                 found["curved_facets" if simulation.mesh.curved else "straight_facets"] = smooth_facets
         return found
 
-    def _measured(self, simulation, watch, done, size):
-        """What the mesh of a pass tells. *Collective.*"""
+    def _measured(self, simulation, watch, done, size, last=False):
+        """What the mesh of a pass tells, of the last one all together: nothing is refined for it. *Collective.*"""
         variants = {} if simulation.problem.linear else self._variants(simulation)
         if not variants:
             return Told({}, 0.0, done.steps)
@@ -447,7 +445,7 @@ class Secondary:
             return moved / (1.0 - times**-STEPS_RATE) if times > 1.0 else moved
 
         moved = change(*variants)
-        if abs(moved) <= THIRD * self._settings.goal or len(variants) == 1 and np.isfinite(moved):
+        if np.isfinite(moved) and (last or len(variants) == 1 or abs(moved) <= THIRD * self._settings.goal):
             name = ALL if len(variants) > 1 else next(iter(variants))
             return Told({name: abs(moved)}, moved, done.steps)
         parts, toward = {}, 0.0

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from pcontact.adapt.mark import LEAP
 from pcontact.runtime import log
 from pcontact.runtime.petsc import MOST_UNKNOWNS
 from pcontact.scene.amplitude import corners
@@ -16,6 +17,9 @@ from pcontact.stepping.schedule import filled
 SHARE = 0.1
 # [-] Part of the target that next meshes and load steps are made for. From: what just misses it costs another pass.
 AIM = 0.85
+# [-] Part of a budget that a mesh has to fill, where it is the limit; its root is aimed at; and of the free memory that
+# a run may take. From: chosen; the error falls with the root of the unknowns, or faster.
+FULL = 0.85
 # [-] Part of the target that errors which are not of the mesh may have before each is tried alone, and refined. From:
 # chosen; the mesh, by far the dearest, has the rest.
 THIRD = 1.0 / 3.0
@@ -39,21 +43,13 @@ PARTNER_RTOL = "contact_partner_rtol"
 # [-] Part of the target below which what is only known roughly is taken for nothing where meshes are chosen, and that
 # frozen partners may have. From: it is less than the margin that meshes are made with.
 NOTICED = 0.01
-# [unknowns] Below which meshes of the plane are factorised where bodies yield or rub, on any number of ranks. From: all
-# for which there are factors; a ball pressed into metal takes 0.6 times as long so on 12,776 unknowns, 0.7 times with
+# [unknowns] Below which meshes of the plane are factorised: on one rank, where multigrid solves to small tolerances and
+# loops take 0.4 to 0.85 times as long without it, and on any number where bodies yield or rub. From: all for which
+# there are factors; a ball pressed into metal takes 0.6 times as long so on 12,776 unknowns, 0.7 times with
 # friction on 3,000. Beside multigrid and linear solves to 1e-3, loops of laminates (1 and 2 %) take 0.6 times as long
 # on one rank, those of a lug on a pin 1.0, that of Cattaneo's cylinder (1 %), which contact alone holds, 0.5; on two
 # ranks 1.0, 0.9 and 0.7. Beside multigrid to 1e-8 the last one takes 0.4, on two ranks 0.5 times as long.
 FACTORISED = MOST_UNKNOWNS[2]
-# [unknowns] Below which all other meshes of the plane are factorised, on one rank. From: multigrid solves to small
-# tolerances here, and loops take 0.4 to 0.85 times as long without it: a force under a punch (1e-5, 16,874 unknowns)
-# 0.4, Hertz's cylinder (0.5 %, 11,658) 0.5, a shrink fit (1 %, 25,010) 0.7, rings (5 % of the pressure, 4,636) 0.85.
-ALONE = 30_000
-# [load steps] Times as many at once at most. From: chosen.
-MORE_STEPS = 4
-# [-] Part of the error of a pass that the next one is made for, where it is to be the least one. From: chosen; cells of
-# degree 2 in the plane are four times as many then.
-BEST_PART = 0.25
 # [-] By dimension: entries of the tangent of degree 2 over those of degree 1 on the same simplices. From: nodes in the
 # middles of edges, 3 and 7 a vertex, and the mean number of neighbours of each.
 ENTRIES = {2: 6.6, 3: 15.0}
@@ -98,9 +94,9 @@ class Degree:
         log.info("degree %d: %s", degree, why)
         return degree
 
-    def few(self, mesh):
-        """Why the first pass has degree 2, where so many unknowns on its mesh are few; else empty."""
-        unknowns = mesh.dim * mesh.n_nodes_total * (1 if mesh.degree == 2 else 2**mesh.dim)
+    def few(self, dim, nodes):
+        """Why the first pass has degree 2, where the unknowns of so many nodes are few; else empty."""
+        unknowns = dim * nodes
         return f"about {unknowns:.2g} unknowns are few" if unknowns <= min(FEW, self._most) else ""
 
     def choose(self, done, error, most):
@@ -159,7 +155,7 @@ class Settings:
     def __init__(self, scene, target, options, ranks=1):
         self._scene, self._target, self._ranks = scene, target, ranks
         self.steps, self.searches = scene.steps.count, False
-        self.goal = target.error or BEST_PART**2
+        self.goal = target.error or THIRD**2
         # new nodes lie on the facets of the first mesh, unless the geometry is known
         self.falling, self.staying = (FALLING, FACETS) if scene.mesh.geometry is None else (FALLING + FACETS, ())
         self._rtol = NOTICED * RTOL if target.numbers else RTOL
@@ -176,12 +172,10 @@ class Settings:
         # looser partners and tolerances than the mesh deserves are no place to save
         partners = (SHARE if self.searches else 1.0) * NOTICED * self.goal
         ours = {"snes_rtol": f"{self._rtol:.3g}", PARTNER_RTOL: f"{partners:.3g}"}
-        if self._scene.remembers:
+        if self._scene.remembers or self._ranks == 1:
             # what flows hardly changes its volume, and what rubs has iterates that hang on each solve: multigrid takes
             # many iterations. See `FACTORISED`
             ours["pc_direct_below"] = str(FACTORISED)
-        elif self._ranks == 1:
-            ours["pc_direct_below"] = str(ALONE)
         if self.searches or self._scene.frictional:
             # iterates are to be the same on any number of ranks
             ours |= dict.fromkeys(FORCING, f"{RTOL:g}")
@@ -211,7 +205,7 @@ class Settings:
     def follow(self, done):
         """Take a part of the error of a pass as the goal, where it is to be the least one."""
         if self._target.best:
-            self.goal = max(BEST_PART * done.error, SMALLEST)
+            self.goal = max(THIRD * done.error, SMALLEST)
 
     def balance(self, done, aim):
         """Spend on load steps, searches and tolerances where a pass says that they are large beside what is wanted.
@@ -229,7 +223,7 @@ class Settings:
             fair = THIRD * aim / len(parts)
             self.searches = self.searches or parts["frozen_partners"] > fair
             # errors fall with the number of load steps
-            steps = max(self.steps, int(np.ceil(self.steps * min(parts["load_steps"] / (AIM * fair), MORE_STEPS))))
+            steps = max(self.steps, int(np.ceil(self.steps * min(parts["load_steps"] / (AIM * fair), LEAP))))
             self.steps = filled(self._scene.steps.end, steps, corners(self._scene)) if steps > self.steps else steps
         if done.parts["algebraic"] > SHARE * min(done.parts["mesh"], aim):
             wanted = SHARE * aim / done.parts["algebraic"]

@@ -32,18 +32,12 @@ ROW, WITHIN = 2, 2.85
 # [-] Power of the energy around points below which a pressure is singular there. From: it is 2 where the pressure goes
 # like log r, as at kinks, and 3 at edges of contacts, which need not be at a vertex.
 BOUNDED = 1.9
-# [-] Cosine of half of the angle from which on surfaces turn at a vertex: 20 degrees. From: chords of a quarter of a
-# circle in five, which meshes of degree 2 need.
-TURN = 0.985
 # [-] Sizes of cells of the last mesh over those of now, from which on the power is known well. From: punches whose
 # powers are 1 and 1.54 had 0.9 to 1.3 and 1.2 to 1.5 with sizes over each other of 3 to 6, kinks and edges 1.5 to 3;
-# 1.00 and 1.52 to 1.58 with 1,000 and more. And part of the squared error of a pressure that says as much: points
-# toward which it is singular have most of it, kinks little each.
-SURE, MUCH = 16.0, 0.2
-# [-] The least power of the square of a pressure's error: where that of the energy is known well, and before. From:
-# smaller ones leave much of it on any mesh; and seven halvings more, which make it known well. Cells that are smaller
-# than those on the other body toward a point that is none make the pressure wrong.
-LEAST_OF_PRESSURE, UNSURE = 0.1, 2.5
+# 1.00 and 1.52 to 1.58 with 1,000 and more.
+SURE = 16.0
+# [-] The least power of the square of a pressure's error. From: smaller ones leave much of it on any mesh.
+LEAST_OF_PRESSURE = 0.1
 
 
 class PressureError(NamedTuple):
@@ -76,7 +70,9 @@ class PressureError(NamedTuple):
                 np.add.at(normals, vertex, np.column_stack([along[:, 1], -along[:, 0]]))
                 np.add.at(counts[:, 0], vertex, 1.0)
         normals, counts = space.together(normals), space.together(counts)[:, 0]
-        ends = (counts == 1.0) | ((counts > 0.0) & (np.linalg.norm(normals, axis=1) < TURN * counts))
+        # the mean of two normals is as long as the cosine of half of the angle between them
+        turned = np.linalg.norm(normals, axis=1) < np.sqrt(0.5 + 0.5 * edges.TURN) * counts
+        ends = (counts == 1.0) | ((counts > 0.0) & turned)
         of_mesh = np.zeros((2, len(space.mesh.points)), dtype=bool)
         on = space.flag(np.unique(np.concatenate([np.zeros(0, np.int64), *(nodes.ravel() for nodes in own)])))
         for some, found in zip(of_mesh, (on, ends), strict=True):
@@ -208,8 +204,9 @@ def singular(space, of_node, of_pressure=None):
 
 
 def powers_of_pressure(space, pressure, of_node, finer, sizes):
-    """With which the squared errors of a pressure fall around nodes of singular points: those of both bodies at one
-    point have one, so that their cells become smaller alike. *Collective.*
+    """With which the squared errors of a pressure fall around nodes of singular points that are known well: those of
+    both bodies at one point have one, so that their cells become smaller alike. Cells that are smaller than those on
+    the other body toward a point that is none make the pressure wrong. *Collective.*
 
     Parameters
     ----------
@@ -226,15 +223,13 @@ def powers_of_pressure(space, pressure, of_node, finer, sizes):
         nan where there is none.
     """
     some = np.flatnonzero(pressure.touched & (of_node < _smooth(space)))
-    total = space.comm.allreduce(float(pressure.squares.sum()), op=MPI.SUM)
-    much = around_vertices(space, pressure.squares)[some, 0] >= MUCH * total
     points = tree_points(space.mesh)[some]
-    own = np.column_stack([of_node[some], (finer[some] >= SURE) | much, points])
+    own = np.column_stack([of_node[some], finer[some] >= SURE, points])
     every, power = np.concatenate(space.comm.allgather(own)), np.full(len(of_node), np.nan)
     for node, point in zip(some, points, strict=True):
         here = every[np.linalg.norm(every[:, 2:] - point, axis=1) <= 0.5 * sizes[node]]
-        least = LEAST_OF_PRESSURE if here[:, 1].any() else UNSURE
-        power[node] = max(here[:, 0].min() - 1.0, least)
+        if here[:, 1].any():
+            power[node] = max(here[:, 0].min() - 1.0, LEAST_OF_PRESSURE)
     return power
 
 

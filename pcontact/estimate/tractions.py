@@ -16,10 +16,6 @@ from pcontact.element.reference import CELLS, facet_nodes, facet_points, referen
 from pcontact.estimate.facets import facet_rule
 from pcontact.runtime.parallel import split_by_rank
 
-# [-] Least extent of the points of a facet in a direction, over the largest one, with which they tell an area. From:
-# chosen; points on a line tell none.
-LEAST = 1e-3
-
 
 def areas(space, pair, some, weight):
     """Area of the target over that of the source at points of a pair. *Collective.*
@@ -78,7 +74,8 @@ def stretched(facet, count, weight, x, y):
     # directions in which points are spread, the last ones most: along the facet
     spread, along = np.linalg.eigh(own)
     spread, along = spread[:, 1:], along[:, :, 1:]
-    told = spread[:, 0] > LEAST**2 * spread[:, -1]
+    # points on a line tell no area
+    told = spread[:, 0] > np.sqrt(np.finfo(float).eps) * spread[:, -1]
     slopes = np.matmul(both, along) / np.where(told[:, None], spread, 1.0)[:, None, :]
     squares = np.matmul(slopes.transpose(0, 2, 1), slopes)
     area = np.sqrt(np.maximum(np.linalg.det(squares), 0.0))

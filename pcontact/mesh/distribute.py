@@ -274,7 +274,7 @@ def _read_whole(comm, path, order, serendipity, surfaces, check):
         say_lost(raw.path, raw.lost)
         between = {name: facet_multiplicity(raw, *raw.facet_groups[name]) > 1 for name in surfaces}
         curved = any(b.degree == 2 for b in raw.blocks)
-        if curved or order == 2:
+        if curved or (order(raw) if callable(order) else order) == 2:
             raw = complete(raw, 2)
             raw = without_middles(raw) if serendipity else raw
         return raw, curved, components(raw), between
@@ -287,7 +287,7 @@ def _read_whole(comm, path, order, serendipity, surfaces, check):
 
 def _read_slices(comm, path, order, serendipity, surfaces, check, pairs):
     """The same of a converted mesh, of which every rank has a slice. *Collective.*"""
-    stored = ConvertedMesh(comm, path, order, serendipity)
+    stored = ConvertedMesh(comm, path, None if callable(order) else order, serendipity)
     together(comm, check, stored.summary(pairs))
     say_lost(stored.path, stored.lost)
     return stored.piece, {name: stored.between[name] for name in surfaces}, stored.named
@@ -350,8 +350,8 @@ def load_mesh(comm, path, order, regions, pairs, check, dealing=(WEIGHT, "bisect
     ----------
     comm : MPI.Comm
     path : str or pathlib.Path
-    order : int or None
-        Degree of the displacement; None: that of the mesh.
+    order : int, None or callable
+        Degree of the displacement; None: that of the mesh; or what says so of a :class:`pcontact.mesh.raw.RawMesh`.
     regions : list of str
         Cell group of each body.
     pairs : list of (str, str or None, float or None)

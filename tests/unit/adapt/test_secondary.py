@@ -28,14 +28,15 @@ def sheared(tmp_path_factory):
     simulation.free()
 
 
-def told(sheared, error, of="energy"):
+def told(sheared, error, of="energy", last=True):
     simulation, watch, settings = sheared
     target = Target(error, of)
     size = watch.norm if of == "energy" else 1.0
-    done = Pass(simulation.problem.space.n_dofs, 30, 1, 0.2, None, {"mesh": 0.2, "algebraic": 0.0}, steps=4)
+    done = Pass(simulation.problem.space.n_dofs, 30, 1, 0.2, None,
+                {"mesh": min(0.2, error), "algebraic": 0.0}, steps=4)  # fmt: skip
     settings.goal = error
     secondary = Secondary(target, settings)
-    return secondary, secondary.parts(simulation, watch, done, size, last=True), done, size
+    return secondary, secondary.parts(simulation, watch, done, size, last), done, size
 
 
 @pytest.mark.parametrize("of", ["energy", "support:upper_top"])
@@ -46,7 +47,8 @@ def test_what_is_small_is_told_by_one_run_and_what_is_large_by_one_each(sheared,
     assert set(parts) == {ALL} and done.trials > 0.0 and (of == "energy" or abs(toward) == pytest.approx(parts[ALL]))
     if of != "energy":
         return
-    _, (alone, _), _, _ = told(sheared, 1e-5, of)
+    assert set(told(sheared, 1e-5, of)[1][0]) == {ALL}, "nothing is refined after the last mesh"
+    _, (alone, _), _, _ = told(sheared, 1e-5, of, last=False)
     assert {"load_steps", "frozen_partners", "quadrature"} == set(alone)
     assert max(alone, key=alone.get) == "load_steps" and parts[ALL] < 1.5 * sum(alone.values())
     scene = settings.scene()
@@ -64,7 +66,7 @@ def test_it_is_measured_once_and_again_where_it_is_large(sheared, monkeypatch):
     simulation, watch, settings = sheared
     measured = []
 
-    def measure(self, simulation, watch, done, size):
+    def measure(self, simulation, watch, done, size, last):
         measured.append(done.unknowns)
         return Told({"load_steps": 0.1}, 0.0, done.steps)
 

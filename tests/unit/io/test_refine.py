@@ -9,8 +9,7 @@ import pytest
 
 from drivers._common import make_mesh
 from meshes.blocks import one_block
-from pcontact.estimate.size import at_vertices, largest_contributions, new_sizes
-from pcontact.io.refine import read_estimate, refine_run
+from pcontact.io.refine import at_vertices, largest_contributions, new_sizes, read_estimate, refine_run
 from pcontact.mesh.raw import facet_vertices
 from pcontact.mesh.read import read_mesh
 from pcontact.mesh.remesh import write_refined
