@@ -221,6 +221,8 @@ class ContactPair(Item):
         self.verifies, self.stale, self._former, self._turns, self.closing = not law.tied, 0.0, None, None, 0.0
         # with the moduli of its traction
         self._stressed = source
+        # partners, slopes and values of the last tangent of the load step
+        self._written = None, (), None
 
     @property
     def version(self):
@@ -276,7 +278,7 @@ class ContactPair(Item):
         self._start_step(u, time)
 
     def _start_step(self, u, time):
-        self.flips, self.status, self._former, self._turns = [], None, None, None
+        self.flips, self.status, self._former, self._turns, self._written = [], None, None, None, (None, (), None)
         p, among, moved, since = self.pairing, self.search.among, 0.0, self.history.time
         values = p.exchange.gather(u)
         if self.rigid:
@@ -396,15 +398,20 @@ class ContactPair(Item):
         values = p.exchange.gather(u)
         (slopes, status), wide = self.terms.slopes(p, values, view), self.terms.wide(p)
         new = self._couples(status > OPEN, wide) & ~rows.coupled
-        if self.space.comm.allreduce(bool(new.any()), op=MPI.LOR):
+        same = self.terms.repeats and self._written[0] is p and all(map(np.array_equal, slopes, self._written[1]))
+        grows, changes = self.space.comm.allreduce(np.array([new.any(), not same]), op=MPI.LOR)
+        if grows:
             rows.renew(p, rows.coupled | new, wide, self.method.theta != 0.0)
         if self.status is not None:
             self.flips.append(int(np.sum(status != self.status)))
-        self.status, blocks = status, rows.blocks()
-        missing = self.terms.add_tangent(p, values, view, slopes, blocks)
-        if missing:
-            raise RuntimeError(f"contact {self.name}: {missing} entries of the tangent outside the pattern")
-        return rows.owned.sum(blocks.values)
+        self.status = status
+        if changes:
+            blocks = rows.blocks()
+            missing = self.terms.add_tangent(p, values, view, slopes, blocks)
+            if missing:
+                raise RuntimeError(f"contact {self.name}: {missing} entries of the tangent outside the pattern")
+            self._written = p, slopes, rows.owned.sum(blocks.values)
+        return self._written[2]
 
     def forces(self, u):
         """Tractions (np, d) that act on the source by the law [stress], and status (np,). *Collective.*"""

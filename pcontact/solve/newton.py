@@ -464,12 +464,13 @@ class Newton:
         # yield take as many iterations with it, and stiff contact makes linear solves long
         hard = plastic or any(item.stiff for item in problem.others)
         inexact = 1e-3 if problem.space.dim == 2 or hard else 1e-4
-        defaults = newton_defaults(problem.linear, direct, inexact)
+        holds = any(item.holds for item in problem.others)
+        defaults = newton_defaults(problem.linear, direct, inexact, holds)
         krylov = options.get("ksp_type")
         warn_of_krylov(symmetric, krylov)
         two = has_lower_degree(problem) and options.get("pc_type", "mg") == "mg"
         lower = options.beginning(OF_MULTIGRID) if two else None
-        defaults |= solver_defaults(symmetric, problem.space.comm.size, krylov, lower)
+        defaults |= solver_defaults(symmetric, problem.space.comm.size, krylov, lower, holds)
         defaults |= (PIVOTS if direct else {}) | small
         self.applied, self.kept_out = options.propose(defaults)
         stays = direct or "pc_type" in self.kept_out or lags or "direct" in self._without
@@ -588,7 +589,13 @@ class Newton:
                         part.forget_pattern()
         keep = False
         if self._reuse is not None:
-            keep = self._reuse.keep(snes.getKSP(), self.problem.active.closed_area())
+            resists = 0.0
+            if self.lasting:
+                ones, sums = self.problem.matrix.matrix.createVecs()
+                ones.set(1.0)
+                self.problem.matrix.matrix.mult(ones, sums)
+                resists = sums.sum()
+            keep = self._reuse.keep(snes.getKSP(), self.problem.active.closed_area(), resists)
             if self._filter is None:
                 keep_preconditioner(snes, keep)
             else:

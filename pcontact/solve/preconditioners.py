@@ -533,7 +533,8 @@ def deflation(problem, options):
     return Deflation(problem, problem.features.loose)
 
 
-# [-] The area in contact may grow by this factor before the preconditioner is set up again. Row: reuse.
+# [-] The area in contact may grow by this factor before the preconditioner is set up again, and what resists the motion
+# of all bodies together, mass over the square of a step of time, grow or fall by it. Row: reuse.
 GROWN = 2.0
 # [iterations] Of the Krylov method, that a preconditioner may lose before it is set up again. Row: reuse. From: 30,
 # and a set-up for every tangent, take as long.
@@ -575,9 +576,9 @@ class Reuse:
 
     def forget(self):
         """Have the next solve set up its preconditioner."""
-        self._rate, self._fresh, self._area = None, True, 0.0
+        self._rate, self._fresh, self._area, self._resists = None, True, 0.0, 0.0
 
-    def keep(self, ksp, area):
+    def keep(self, ksp, area, resists=0.0):
         """Return whether the next solve keeps the preconditioner. To be asked once before each solve.
 
         Parameters
@@ -586,9 +587,12 @@ class Reuse:
             With the iterations of the last solve.
         area : float
             That is in contact.
+        resists : float, optional
+            Sum of all entries of the tangent, where load steps have one set-up.
         """
-        if self._rate is None or area > GROWN * self._area:
-            self._rate, self._fresh, self._area = np.inf, True, area
+        other = max(resists, self._resists) > GROWN * min(resists, self._resists)
+        if self._rate is None or area > GROWN * self._area or other:
+            self._rate, self._fresh, self._area, self._resists = np.inf, True, area, resists
             return False
         decades = max(-np.log10(ksp.getTolerances()[0]), 0.1)
         iterations = ksp.getIterationNumber()
@@ -613,7 +617,7 @@ def refresh_smoother(ksp, operator, matrix):
         smoother.setOperators(operator, matrix)
 
 
-def solver_defaults(symmetric, ranks, krylov=None, lower=None):
+def solver_defaults(symmetric, ranks, krylov=None, lower=None, holds=False):
     """Options proposed for the Krylov method and the preconditioner.
 
     Parameters
@@ -625,6 +629,8 @@ def solver_defaults(symmetric, ranks, krylov=None, lower=None):
         The Krylov method that the user chose.
     lower : dict of str to object, optional
         Where a level of degree 1 is below that of degree 2: what the user says of multigrid, which is said of that.
+    holds : bool
+        Whether something resists every motion of the bodies, as inertia does: coarse levels have little to do.
 
     Returns
     -------
@@ -651,7 +657,7 @@ def solver_defaults(symmetric, ranks, krylov=None, lower=None):
         "mg_levels_ksp_max_it": 2,
         "ksp_max_it": 500,
     }
-    if ranks <= FEW:
+    if ranks <= FEW and not holds:
         # iterations that hardly grow with the mesh; each costs a little more, the more the longer coarse levels take
         options["pc_mg_cycle_type"] = "w"
     if lower is not None:
@@ -778,7 +784,7 @@ def check_tolerances(options):
             raise options.refusal(name, allowed)
 
 
-def newton_defaults(linear, direct, inexact):
+def newton_defaults(linear, direct, inexact, holds=False):
     """Options proposed for SNES and the tolerance of its linear solves.
 
     Parameters
@@ -789,6 +795,9 @@ def newton_defaults(linear, direct, inexact):
         Whether the linear systems are factorised.
     inexact : float
         Loosest tolerance of the linear solves if neither.
+    holds : bool
+        Whether something resists every motion of the bodies: then load steps end after few iterations, and the last
+        linear solve leaves no less than is asked for.
 
     Returns
     -------
@@ -810,7 +819,7 @@ def newton_defaults(linear, direct, inexact):
         return {**options, "ksp_rtol": 1e-10}
     # at 1e-2 the directions are too poor for stick and slip: twice the iterations, each with its set-up
     return {
-        **options, "snes_ksp_ew": True, "snes_ksp_ew_version": 2, "snes_ksp_ew_rtol0": inexact,
+        **options, "snes_ksp_ew": True, "snes_ksp_ew_version": 3 if holds else 2, "snes_ksp_ew_rtol0": inexact,
         "snes_ksp_ew_rtolmax": inexact,
     }  # fmt: skip
 

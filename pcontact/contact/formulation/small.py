@@ -164,7 +164,14 @@ class Terms:
     method : pcontact.contact.formulation.methods.Method
     traction : pcontact.contact.traction.small.Traction or pcontact.contact.traction.finite.FiniteTraction
     law : pcontact.contact.law.Frictionless
+
+    Attributes
+    ----------
+    repeats : bool
+        Whether the tangent among the same partners is the same wherever its slopes are.
     """
+
+    repeats = False
 
     def __init__(self, space, source, method, traction, law):
         self.space, self.source, self.method, self.traction, self.law = space, source, method, traction, law
@@ -208,6 +215,11 @@ class SmallTerms(Terms):
         super().__init__(space, source, method, traction, law)
         if self._lags:
             self._start = self._before = self._lag
+
+    @property
+    def repeats(self):
+        """See :class:`Terms`."""
+        return self.traction.symmetric
 
     @property
     def _directions(self):

@@ -214,7 +214,8 @@ def add_tangent(parameters, source, partner, operator, excess, status, slope, bl
         _factors(theta, p, width, source.jxw[p], operator, excess, work)
         _right(theta, width, slope[p], operator.axes[min(p, len(operator.axes) - 1)], work)
         for a in range(width * d):
-            for k in range(2 * m if theta != 0.0 else m):
+            # with D = 0 the first right factors are zero
+            for k in range(0 if touches else m, 2 * m if theta != 0.0 else m):
                 left = work.left[k, a]
                 for b in range(width * d):
                     work.total[a, b] += left * work.right[k, b]
