@@ -399,7 +399,7 @@ class ContactPair(Item):
         (slopes, status), wide = self.terms.slopes(p, values, view), self.terms.wide(p)
         new = self._couples(status > OPEN, wide) & ~rows.coupled
         same = self.terms.repeats and self._written[0] is p and all(map(np.array_equal, slopes, self._written[1]))
-        grows, changes = self.space.comm.allreduce(np.array([new.any(), not same]), op=MPI.LOR)
+        grows, changes = self.space.comm.allreduce(np.array([new.any(), not same], dtype=int), op=MPI.SUM)
         if grows:
             rows.renew(p, rows.coupled | new, wide, self.method.theta != 0.0)
         if self.status is not None:
