@@ -9,7 +9,7 @@ from pcontact.element.dilatation import components, factors, linear
 from pcontact.element.geometry import gradients
 from pcontact.element.quadrature import quadrature
 from pcontact.element.reference import shape, shape_gradient
-from pcontact.material.mandel import HALF
+from pcontact.material.elastic import HALF
 from pcontact.runtime.petsc import MPI
 
 

@@ -22,7 +22,7 @@ from drivers.studies._harness import Counts, composed
 from meshes import c_strip, heap, two_blocks
 from meshes import disk_on_block as disk_mesh
 from meshes import rings as ring_mesh
-from pcontact.contact.formulation import augmented
+from pcontact.contact.formulation import methods
 from pcontact.scene.model import Contact, Load, Material, MeshSpec, Scene, Steps
 
 AUGMENTED, SETTLED = "augmented_lagrangian", 1e-4
@@ -33,11 +33,11 @@ COLUMNS = ("scene", "degree", "friction", *(f"{what}, {name}" for what in ("upda
 @contextmanager
 def each_alone() -> Iterator[None]:
     """An update takes the mean over the points of each surface alone."""
-    kept, augmented.is_unbiased = augmented.is_unbiased, lambda contact: False
+    kept, methods.is_unbiased = methods.is_unbiased, lambda contact: False
     try:
         yield
     finally:
-        augmented.is_unbiased = kept
+        methods.is_unbiased = kept
 
 
 def flat(directory: Path, cell: str, order: int) -> Scene:

@@ -20,8 +20,7 @@ from pcontact.api.study import Study, study
 from pcontact.api.tables import Table
 from pcontact.assembly.item import ActiveSet, Item
 from pcontact.contact.law import FrictionLaw, add_law
-from pcontact.material.laws import add_material
-from pcontact.material.point_law import PointLaw
+from pcontact.material.laws import PointLaw, add_material
 from pcontact.scene.model import (
     Body,
     Contact,

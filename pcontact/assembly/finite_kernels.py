@@ -33,6 +33,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact.assembly.graph import find
+from pcontact.material.elastic import HALF, moduli_of
 from pcontact.material.finite import (
     CONSISTENT,
     STRESS,
@@ -47,7 +48,6 @@ from pcontact.material.finite import (
     to_tensor,
 )
 from pcontact.material.log_strain import compose, eigenpairs, twice_green, volume_change
-from pcontact.material.mandel import HALF, moduli_of
 from pcontact.runtime.jit import njit, njit_inner
 
 # below this, the series of g; of the sum: what no longer changes it

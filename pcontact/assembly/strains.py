@@ -18,8 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact.assembly.graph import find
-from pcontact.material.elastic import FLOWS, STILL
-from pcontact.material.mandel import HALF
+from pcontact.material.elastic import FLOWS, HALF, STILL
 from pcontact.runtime.jit import njit, njit_inline, njit_inner
 
 NO_RING = np.zeros((0, 0, 0))
@@ -50,7 +49,7 @@ def cell_points(cells, grad, ring):
 
 @njit_inline
 def strain_at(points, nodal, c, q, strain):
-    """Mandel strain (m,) of a point, see `pcontact.material.mandel`."""
+    """Mandel strain (m,) of a point, see `pcontact.material.elastic`."""
     cells, grad, ring = points.cells, points.grad, points.ring
     d = nodal.shape[1]
     strain[:] = 0.0

@@ -19,9 +19,8 @@ from pcontact.assembly.graph import BlockRows, node_graph
 from pcontact.assembly.item import LAW, Item
 from pcontact.assembly.matrix import OwnedRows
 from pcontact.contact import active_set
-from pcontact.contact.formulation.augmented import AugmentedLagrangian
 from pcontact.contact.formulation.layer import Layer, LayerTerms
-from pcontact.contact.formulation.methods import Method, Penalty
+from pcontact.contact.formulation.methods import AugmentedLagrangian, Method, Penalty
 from pcontact.contact.formulation.small import SmallTerms, add_at_nodes
 from pcontact.contact.history import PointHistory
 from pcontact.contact.law import OPEN, SLIP, View, contact_law

@@ -21,7 +21,7 @@ from pcontact.contact.traction.small import extrapolation
 from pcontact.element.dilatation import Mean, factors, hoop_operator, mean_dilatation
 from pcontact.element.reference import n_nodes, shape
 from pcontact.estimate.points import slopes, stresses
-from pcontact.material.mandel import HALF
+from pcontact.material.elastic import HALF
 
 
 class Softening(NamedTuple):

@@ -20,14 +20,14 @@ T is the Kirchhoff stress turned back. Two kinds of law say what it is along the
 The volumetric part of the stress is that of a modulus at the point, ``own``, and a pressure that the cell adds: with a
 mean dilatation (`pcontact.element.dilatation`) it is that of the projection of ln J.
 
-Components are those of `pcontact.material.mandel`. J <= 0 is said, not computed with.
+Components are those of `pcontact.material.elastic`. J <= 0 is said, not computed with.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-from pcontact.material.elastic import lame
+from pcontact.material.elastic import add_elastic_tangent, elastic_stress, lame
 from pcontact.material.hardening import curve_of
 from pcontact.material.log_strain import (
     add_curvature,
@@ -39,7 +39,6 @@ from pcontact.material.log_strain import (
     twice_green,
     volume_change,
 )
-from pcontact.material.mandel import add_elastic_tangent, elastic_stress
 from pcontact.material.plastic import VonMises, plastic_constants, return_map, thickness_strain
 from pcontact.runtime.jit import njit_inline, njit_inner_exact
 

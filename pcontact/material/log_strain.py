@@ -5,7 +5,7 @@ With the displacement gradient H and F = I + H,
     2 G = H + H^T + H^T H,    C = F^T F = I + 2 G,    E = 1/2 log C = sum_i 1/2 log1p(a_i) N_i (x) N_i
 
 where a_i, N_i are the eigenpairs of 2 G: those of C would hide strains below the rounding error of 1. Along the
-principal axes N_i, in Mandel components (`pcontact.material.mandel`),
+principal axes N_i, in Mandel components (`pcontact.material.elastic`),
 
     dE/dG = diag(f),             f_ij = log[c_i, c_j],             c_i = 1 + a_i
     T : d2E/dG2 = L(T),          h_ijk = 4 log[c_i, c_j, c_k]      (divided differences of the logarithm)

@@ -5,7 +5,7 @@ Along its axes 1, 2, 3 the material has the compliance
     eps_ii = sigma_ii / E_i - sum_(j != i) nu_ij / E_i sigma_jj,    2 eps_ij = sigma_ij / G_ij
 
 with nu_ij / E_i = nu_ji / E_j: nu12 is the contraction along 2 under a stress along 1. Components are those of
-`pcontact.material.mandel`; a turn of the frame is an orthogonal matrix of them.
+`pcontact.material.elastic`; a turn of the frame is an orthogonal matrix of them.
 
 The stiffness is split, C = C_iso + C_dev. C_iso is the isotropic stiffness that is nearest to C (in the sum of the
 squares of the components; Fedorov 1968, Norris 2006):
@@ -18,8 +18,7 @@ isotropic body, and C_dev is added where an orthotropic body is.
 
 import numpy as np
 
-from pcontact.material.elastic import Elastic, isotropic
-from pcontact.material.mandel import HALF
+from pcontact.material.elastic import HALF, Elastic, isotropic
 
 # index pairs of the Mandel components
 _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))

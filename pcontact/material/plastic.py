@@ -6,7 +6,7 @@ Small strains, associated flow, linear kinematic (Prager) and piecewise linear i
 
 with R, x, p and beta as in :mod:`pcontact.material.hardening`.
 
-Components are those of :mod:`pcontact.material.mandel`: m = 6 in 3D, 4 in 2D.
+Components are those of :mod:`pcontact.material.elastic`: m = 6 in 3D, 4 in 2D.
 
 A material is a :class:`Plastic`; kernels need of it a :class:`VonMises`. The state of a point is its plastic strain
 (m,), deviatoric, and the equivalent plastic strain p, accumulated; both begin at 0. Flow is a matter of the deviator,
@@ -28,9 +28,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pcontact.material.elastic import FLOWS, LOADED, NOW, STILL, Elastic, Response, lame
+from pcontact.material.elastic import (
+    FLOWS,
+    HALF,
+    LOADED,
+    NOW,
+    STILL,
+    Elastic,
+    Response,
+    add_diagonal,
+    lame,
+    moduli_of,
+    to_axes,
+)
 from pcontact.material.hardening import RADIUS, curve_of, flow_length, yield_radius, yield_work
-from pcontact.material.mandel import HALF, add_diagonal, moduli_of, to_axes
 from pcontact.runtime.jit import njit, njit_inline, njit_inner_exact
 
 # A state that was brought back to the yield surface is found there again up to this many times the rounding error of

@@ -11,7 +11,7 @@ from functools import partial
 
 import numpy as np
 
-from pcontact.contact.formulation.augmented import AugmentedLagrangian, update_multipliers
+from pcontact.contact.formulation.methods import AugmentedLagrangian, update_multipliers
 from pcontact.runtime import log, profile
 from pcontact.runtime.petsc import MPI
 from pcontact.solve.convergence import combined

@@ -3,10 +3,9 @@
 import numpy as np
 
 from pcontact.assembly.finite import FiniteSolid
-from pcontact.material.elastic import in_plane, lame
+from pcontact.material.elastic import elastic_stress, in_plane, lame
 from pcontact.material.finite import FiniteMaterial
 from pcontact.material.hardening import hardening_curve
-from pcontact.material.mandel import elastic_stress
 from pcontact.material.plastic import VonMises, plastic_constants, return_map
 from pcontact.mesh.read import read_mesh
 from pcontact.space.space import Space

@@ -8,9 +8,8 @@ from pcontact.assembly.solid import Solid
 from pcontact.contact.pair import contact_pair
 from pcontact.contact.surface.obstacle import RigidObstacle
 from pcontact.contact.surface.sides import source_surface, target_surface
-from pcontact.material.elastic import Elastic, lame
+from pcontact.material.elastic import Elastic, add_elastic_tangent, elastic_stress, lame
 from pcontact.material.hardening import hardening_curve, hardening_table
-from pcontact.material.mandel import add_elastic_tangent, elastic_stress
 from pcontact.material.plastic import Plastic, VonMises, flows, plastic_constants, return_map
 from pcontact.scene.amplitude import amplitude
 from pcontact.scene.model import Body, Displacement, Load, Material, MeshSpec, Output, Scene, Steps

@@ -3,8 +3,7 @@
 import numpy as np
 
 from pcontact.material.elastic import lame
-from pcontact.material.laws import ADDED, add_material
-from pcontact.material.point_law import PointLaw
+from pcontact.material.laws import ADDED, PointLaw, add_material
 
 ONE = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
 DEVIATOR = np.eye(6) - np.outer(ONE, ONE) / 3.0

@@ -5,9 +5,8 @@ import itertools
 import numpy as np
 import pytest
 
-from pcontact.material.elastic import lame
+from pcontact.material.elastic import add_elastic_tangent, lame
 from pcontact.material.hardening import flow_length, hardening_curve, hardening_table, yield_radius
-from pcontact.material.mandel import add_elastic_tangent
 from pcontact.material.plastic import plastic_constants, return_map, second_derivative, thickness_strain
 from pcontact.runtime.jit import njit
 from tests.support.plastic import (

@@ -10,7 +10,7 @@ from drivers.cases.disk_on_block import scene as disk_scene
 from drivers.cases.hertz import generate
 from drivers.studies import compare
 from meshes import c_strip, disk_on_block, two_blocks
-from pcontact.contact.formulation.augmented import AugmentedLagrangian, update_multipliers
+from pcontact.contact.formulation.methods import AugmentedLagrangian, update_multipliers
 from pcontact.runtime.observer import Observer
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Contact, Steps

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from pcontact.contact.formulation.augmented import acting as acting_of
-from pcontact.contact.formulation.augmented import update_multipliers
+from pcontact.contact.formulation.methods import acting as acting_of
+from pcontact.contact.formulation.methods import update_multipliers
 from pcontact.contact.formulation.small import local_means
 from pcontact.simulation import Simulation
 from tests.support.blocks import dragged

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from meshes import one_block, two_blocks
-from pcontact.contact.formulation.augmented import AugmentedLagrangian, update_multipliers
-from pcontact.contact.formulation.methods import without_traction
+from pcontact.contact.formulation.methods import AugmentedLagrangian, update_multipliers, without_traction
 from pcontact.contact.law import OPEN, SLIP, STICK
 from pcontact.contact.surface.obstacle import RigidObstacle
 from pcontact.contact.surface.sides import source_surface, target_surface
