@@ -1,4 +1,4 @@
-"""How accurate a displacement is: an estimate of its error in the energy norm, from local problems on every cell.
+"""Estimate of the error of a displacement in the energy norm, from local problems on every cell.
 
 With u_h the computed displacement, P the traction that contact exerts on the bodies and t = sigma(u_h) n, the error is
 driven by residuals: of equilibrium inside cells, f + div sigma; of the traction between cells, which jumps; on the
@@ -71,7 +71,7 @@ class Estimate:
 
 
 class Tested(NamedTuple):
-    """What is known of a displacement before any cell is looked at by itself.
+    """Knowledge of a displacement before any cell is looked at by itself.
 
     Attributes
     ----------
@@ -280,7 +280,7 @@ class Estimator:
         return self._facets.recovery(self._bulk, nodal)
 
     def stiffness(self, block):
-        """What share of a jump the cells of a block take, beside those of others [stress]."""
+        """Share of a jump that the cells of a block take, beside those of others [stress]."""
         return stiffness(self.space, self._bulk, block)
 
     def norm(self, v):

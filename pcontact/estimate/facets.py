@@ -1,4 +1,4 @@
-"""Which facets are shared by two cells, and what the cell on the other side says there, on any rank."""
+"""Facets that two cells share, and what the cell on the other side says there, on any rank."""
 
 from functools import cache
 

@@ -89,7 +89,7 @@ class Volume(NamedTuple):
 
 
 class Tables(NamedTuple):
-    """What all cells of a kind share at the points of their local problems.
+    """Tables that all cells of a kind share at the points of their local problems.
 
     Attributes
     ----------
@@ -191,7 +191,7 @@ class Interiors:
         return functions, Moduli(*factors(lam, mu, averaged, degree), mu, rest)
 
     def residual(self, number, rows, volume, tables, stress, time, loads):
-        """What the interiors of some cells of a block add to their residuals (n, nb, d), with a
+        """Addend of the interiors of some cells of a block to their residuals (n, nb, d), with a
         :class:`pcontact.estimate.stress.BlockStress`."""
         sigma, around = stress(volume.grad, tables.values, volume.radius, tables.xi)
         result = np.zeros((len(sigma), *volume.test.shape[2:]))

@@ -45,7 +45,7 @@ class Given:
 
     @property
     def per_mass(self):
-        """Whether it is a force per mass."""
+        """Return True if it is a force per mass."""
         return self.load.acceleration is not None or self.load.angular_speed is not None
 
     def factor(self, time):
@@ -108,7 +108,7 @@ def applied(problem, scene):
 
 
 def held(problem, unbalanced):
-    """What holds groups that move on average, from forces (n_owned, d) that are not in equilibrium. *Collective.*"""
+    """Holding forces of groups that move on average, from forces (n_owned, d) out of equilibrium. *Collective.*"""
     return [Spread(one.region, kind_of(problem.space, one.region) == "facets", one.held_by(unbalanced))
             for one in problem.features.averages]  # fmt: skip
 
@@ -129,7 +129,7 @@ class Missing(NamedTuple):
 
 
 def missing(space, loads, time):
-    """What quadrature leaves out of loads. *Collective.*
+    """Forces that quadrature leaves out of loads. *Collective.*
 
     Parameters
     ----------

@@ -54,7 +54,7 @@ class Moduli(NamedTuple):
 
 
 class Bound(NamedTuple):
-    """What springs to the ground add to the stiffness of some cells.
+    """Addend of springs to the ground to the stiffness of some cells.
 
     Attributes
     ----------

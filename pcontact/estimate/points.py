@@ -1,4 +1,4 @@
-"""What is summed over the nodes of cells at their points: small products, of which numpy takes each by itself.
+"""Sums over the nodes of cells at their points: small products, of which numpy takes each by itself.
 
 `PARTS` are the kinds of residuals, see `pcontact.estimate.estimator`.
 
@@ -109,7 +109,7 @@ def number_of(cell, degree):
 
 @functools.cache
 def supports(cell, degree):
-    """Which functions live on which facets of the cell, (nb, n_facets) bool; not to be changed."""
+    """Flags of the functions that live on facets of the cell, (nb, n_facets) bool; not to be changed."""
     points = facet_points(cell, quadrature(CELLS[cell].facet, 5)[0])
     return np.stack([np.abs(bubbles(cell, degree, at)[0]).max(axis=0) > ZERO for at in points], axis=1)
 

@@ -28,7 +28,7 @@ SOURCE = 2.0
 
 
 def pressure_error(estimator, contact, u):
-    """How far the contact pressure is from that of the stress averaged at the nodes, in L2. *Collective.*
+    """Distance of the contact pressure from that of the stress averaged at the nodes, in L2. *Collective.*
 
     Both bodies bring errors into the pressure: it is compared with the stress of the source where it is integrated, and
     with that of the target at the partners. The squares of both count by the compliance of the cells there: of two
@@ -70,7 +70,7 @@ def pressure_error(estimator, contact, u):
 
 
 class _Side(NamedTuple):
-    """What the points on one side miss: on the source all of them, on the target those of a block.
+    """Error at the points on one side: on the source all of them, on the target those of a block.
 
     Attributes
     ----------

@@ -233,7 +233,7 @@ class AroundVertices:
         return stiffness, bound, tested.reshape(len(rows), size), held(vertex, on_sides).reshape(len(rows), size)
 
     def _made(self, number, rows, corners, half, tables):
-        """What does not depend on the displacement: stiffness, what springs add, and a
+        """Parts that do not depend on the displacement: stiffness, what springs add, and a
         :class:`pcontact.estimate.interiors.Volume`."""
         volume = self._interiors.volume(number, rows, tables, corners)
         size = NUMBER * self._space.dim

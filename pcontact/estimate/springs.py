@@ -90,7 +90,7 @@ class Springs:
         return total
 
     def bound(self, number, rows, functions):
-        """What springs add to the stiffness of some of a block's cells.
+        """Addend of springs to the stiffness of some of a block's cells.
 
         Parameters
         ----------
@@ -118,7 +118,7 @@ class Springs:
         return Bound(at, np.concatenate(matrices))
 
     def around(self, number, rows, corners, half, functions):
-        """What springs add to the stiffness (n, m, m) of functions around corners of plane cells.
+        """Addend of springs to the stiffness (n, m, m) of functions around corners of plane cells.
 
         Parameters
         ----------

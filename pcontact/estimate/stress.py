@@ -25,7 +25,7 @@ from pcontact.material.elastic import HALF
 
 
 class Softening(NamedTuple):
-    """What yielding takes away from the stiffness of nc cells.
+    """Loss by yielding of the stiffness of nc cells.
 
     Attributes
     ----------
@@ -88,7 +88,7 @@ def mean_flow(blocks, bulk):
 
 
 class Retained:
-    """What cells keep in their plastic strain of the errors that they have had in load steps.
+    """Part in the plastic strain of cells of the errors that they have had in load steps.
 
     The plastic strain of a load step is as wrong as the displacement is then, and is added to what there is: cells keep
     the mean of their errors over their flow. The edge of a contact that moves over a cell makes its error large in a

@@ -126,7 +126,7 @@ def toward(xi):
 
 
 def held(vertex, on_sides):
-    """Which functions are held, where a vertex and the sides of a cell are.
+    """Flags of the functions that are held, where a vertex and the sides of a cell are.
 
     Parameters
     ----------

@@ -116,7 +116,7 @@ def source_facets(space, name):
 
 
 def source_points(space, pair):
-    """Where the points of the source of a pair are.
+    """Places of the points of the source of a pair.
 
     Returns
     -------
@@ -159,7 +159,7 @@ def on_source(space, pair, state):
 
 
 class Cells:
-    """Where cells are: on which rank, and where there.
+    """Places of cells: on which rank, and where there.
 
     Parameters
     ----------
@@ -215,7 +215,7 @@ class Cells:
 
 @dataclass
 class Brought:
-    """What points of a source tell the cells of one block in which their partners are.
+    """Message of the points of a source to the cells of one block in which their partners are.
 
     Attributes
     ----------
