@@ -72,7 +72,7 @@ class NodeDepths:
         moved = u.getArray(readonly=True).reshape(-1, space.dim)[owned]
         query = QueryPoints((x - pair.search.origin) + moved, normal[owned] / length[owned, None], pair.radius)
         found = find_partners(space, surface, space.local.gather(u), query, "closest_point", pair.search.origin)
-        depth = np.where(found.id >= 0, -found.gap, 0.0)
+        depth = np.where(found.paired, -found.gap, 0.0)
         k = int(np.argmax(depth)) if len(depth) else -1
         deepest = (float(depth[k]), x[k]) if k >= 0 else (0.0, np.zeros(space.dim))
         return max(space.comm.allgather(deepest), key=lambda entry: entry[0])

@@ -6,15 +6,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pcontact.contact.law import OPEN, SLIP, STICK
 from pcontact.element.reference import MESHIO_NAMES
 from pcontact.io.fields import NODE_NUMBER, Cloud, Piece
 from pcontact.io.names import BEGIN
 from pcontact.io.vtu import CELL_TYPES, STORED
 from pcontact.material.elastic import equivalent_stress
 from pcontact.runtime.observer import Observer
-
-# status of a point, as files and pictures have it
-OPEN, STICK, SLIP = 0, 1, 2
 
 
 class NodeMeans:

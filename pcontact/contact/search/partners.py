@@ -30,45 +30,48 @@ from pcontact.runtime.parallel import Asked, together
 from pcontact.runtime.petsc import MPI
 
 
-class Found(NamedTuple):
-    """Partner of every source point.
+class Partners(NamedTuple):
+    """Result of a search for the points (np) of a source; the last entries are of target facets alone.
 
     Attributes
     ----------
-    id : ndarray (np,)
-        Global number of the target facet, -1 where there is none.
-    y : ndarray (np, d)
-        Point on the deformed target, relative to the origin of the search [length].
-    normal : ndarray (np, d)
-        Contact normal, from source to target.
     gap : ndarray (np,)
-        Signed distance [length].
+        [length]; means nothing without a partner.
+    normal : ndarray (np, d)
+        From source to target.
+    paired : ndarray (np,) of bool
+    ids : ndarray (np,)
+        Global numbers of the target facets; -1 without a partner.
     nodes : ndarray (np, m)
-        Global space nodes of the target facet.
+        Global nodes of these facets, or, behind them, of their cells, too; of width 0 for an obstacle.
     shape : ndarray (np, m)
-        Their shape functions at the point.
+        Their shape functions at the partner.
+    offset : ndarray (np, d) or None
+        How far the target's smooth surface stands off the partner, where the target knows it [length], see
+        `pcontact.contact.surface.smooth_geometry`.
     place : ndarray (np, 1 + d)
         Rank that has the facet, its row there, and the reference point on it.
     held : ndarray (np,)
         How the projection is held, see `pcontact.contact.search.projection.Projections`.
+    y : ndarray (np, d)
+        Point on the deformed target, relative to the origin of the search [length].
     candidates : int
         Facets that this rank tried.
-    offset : ndarray (np, d) or None
-        How far the target's smooth surface stands off the partner, where the target knows it [length].
     facets : ndarray (np, n, d) or None
         Nodes of the target facets as they were searched, where the search is to tell of them [length].
     """
 
-    id: np.ndarray
-    y: np.ndarray
-    normal: np.ndarray
     gap: np.ndarray
+    normal: np.ndarray
+    paired: np.ndarray
+    ids: np.ndarray
     nodes: np.ndarray
     shape: np.ndarray
-    place: np.ndarray
-    held: np.ndarray
-    candidates: int
     offset: np.ndarray | None = None
+    place: np.ndarray | None = None
+    held: np.ndarray | None = None
+    y: np.ndarray | None = None
+    candidates: int = 0
     facets: np.ndarray | None = None
 
 
@@ -246,7 +249,7 @@ def find_partners(space, target, nodal, query, method, origin=0.0, opposite=Fals
 
     Returns
     -------
-    Found
+    Partners
     """
     return PartnerSearch(space, target, nodal, method, origin, opposite=opposite)(query, target.about)
 
@@ -279,7 +282,7 @@ class PartnerSearch:
         self._boxes = None if space.comm.size == 1 else facet_boxes(x_facets, target.kinds)
 
     def __call__(self, query, about=None):
-        """Partners of points of this rank, a :class:`Found`; of points on the target itself with what they tell about
+        """A :class:`Partners` of points of this rank; of points on the target itself with what they tell about
         themselves. *Collective.*"""
         space, d, width, n_points = self._space, self._space.dim, self._width, len(query.x)
         asking = np.column_stack([query.x, query.normal, *([] if about is None else [about])])
@@ -290,30 +293,17 @@ class PartnerSearch:
             found, answers, candidates, count = _remote(space, self._searched, self._boxes, asking, query.radius)
         profile.count(searches=1, points=n_points, asked=count, candidates=candidates)
         winner = _best(found, answers, n_points, d)
-        rows = np.flatnonzero(winner >= 0)
-        best = answers[winner[rows]]
-        offset, facets = (np.zeros((n_points, columns)) if columns else None for columns in self._columns)
-        out = Found(
-            np.full(n_points, -1, dtype=np.int64),
-            np.zeros((n_points, d)),
-            np.zeros((n_points, d)),
-            np.zeros(n_points),
-            np.zeros((n_points, width), dtype=np.int64),
-            np.zeros((n_points, width)),
-            np.zeros((n_points, 1 + d)),
-            np.zeros(n_points),
-            candidates,
-            offset,
-            None if facets is None else facets.reshape(n_points, self._target.x.shape[1], d),
-        )
-        out.id[rows], out.gap[rows], out.held[rows] = best[:, 0], best[:, 2], best[:, 3]
-        ends = np.cumsum([5, d, d, width, width, 1 + d, self._columns[0]])
-        _, *parts = np.split(best, ends, axis=1)
-        out.y[rows], out.normal[rows], out.nodes[rows], out.shape[rows], out.place[rows], *rest = parts
-        for told, values in zip((offset, facets), rest, strict=True):
-            if told is not None:
-                told[rows] = values
-        return out
+        rows, sizes = np.flatnonzero(winner >= 0), [5, d, d, width, width, 1 + d, *self._columns]
+        table = np.zeros((n_points, sum(sizes)))
+        table[:, 0] = -1.0
+        table[rows] = answers[winner[rows]]
+        parts = [np.ascontiguousarray(part) for part in np.split(table, np.cumsum(sizes)[:-1], axis=1)]
+        (ids, _, gap, held, _), (y, normal, nodes, shape, place, offset, facets) = parts[0].T.copy(), parts[1:]
+        ids, told = ids.astype(np.int64), [bool(columns) for columns in self._columns]
+        return Partners(
+            gap, normal, ids >= 0, ids, nodes.astype(np.int64), shape, offset if told[0] else None, place, held, y,
+            candidates, facets.reshape(n_points, self._target.x.shape[1], d) if told[1] else None,
+        )  # fmt: skip
 
 
 def _remote(space, searched, boxes, asking, radius):
@@ -376,39 +366,6 @@ TRACE = 30
 REACHED = 1e-10
 
 
-class Partners(NamedTuple):
-    """Result of a search for the points (np) of a source.
-
-    Attributes
-    ----------
-    gap : ndarray (np,)
-        [length]; means nothing without a partner.
-    normal : ndarray (np, d)
-        From source to target.
-    paired : ndarray (np,) of bool
-    ids : ndarray (np,)
-        Target facets; -1 without a partner.
-    nodes : ndarray (np, m)
-        Global nodes of these facets, or, behind them, of their cells, too; of width 0 for an obstacle.
-    shape : ndarray (np, m)
-        Their shape functions at the partner.
-    offset : ndarray (np, d) or None
-        Of the target's smooth surface there, see `pcontact.contact.surface.smooth_geometry`.
-    place, held : ndarray or None
-        Of target facets, see `pcontact.contact.search.partners.Found`.
-    """
-
-    gap: np.ndarray
-    normal: np.ndarray
-    paired: np.ndarray
-    ids: np.ndarray
-    nodes: np.ndarray
-    shape: np.ndarray
-    offset: np.ndarray | None
-    place: np.ndarray | None = None
-    held: np.ndarray | None = None
-
-
 class TargetSearch:
     """Partners on a target surface.
 
@@ -459,10 +416,7 @@ class TargetSearch:
         query = QueryPoints(x, normal, radius)
         found = find_partners(self.space, self.target, nodal, query, self.method, origin, self.opposite)
         self.candidates += found.candidates
-        return Partners(
-            found.gap, found.normal, found.id >= 0, found.id, found.nodes, found.shape, found.offset, found.place,
-            found.held,
-        )  # fmt: skip
+        return found
 
     def moved(self, x, start, end, origin):
         """Motion of partners at places (np, d), relative to the origin, between two times apart from displacements:
@@ -523,7 +477,7 @@ class ObstacleSearch:
         paired &= np.abs(gap) <= radius
         n = len(gap)
         ids, nodes = np.zeros(n, dtype=np.int64), np.zeros((n, 0), dtype=np.int64)
-        return Partners(gap, away, paired, ids, nodes, np.zeros((n, 0)), None)
+        return Partners(gap, away, paired, ids, nodes, np.zeros((n, 0)))
 
     def _ways_out(self, rows, x, normal, time, about):
         """Rows of points (n,) that have a way out of the obstacle against their normals, and where it ends (m, d).
@@ -720,9 +674,9 @@ def overlap(space, source, target, method, bodies):
     outer = [_of_bodies(space, facets, bodies) for facets in outer_facets(space.mesh, space.exchanger)]
     nearest = PartnerSearch(space, surface_of(space, outer), still, "closest_point", facing=ANY)
     found = nearest(QueryPoints(source.x, source.normal, np.inf))
-    inside = (found.id >= 0) & (found.gap < 0.0)
+    inside = found.paired & (found.gap < 0.0)
     found = PartnerSearch(space, target, still, method)(QueryPoints(source.x[inside], source.normal[inside], np.inf))
-    depth = float(np.max(-found.gap[found.id >= 0], initial=0.0))
+    depth = float(np.max(-found.gap[found.paired], initial=0.0))
     return space.comm.allreduce(depth, op=MPI.MAX)
 
 

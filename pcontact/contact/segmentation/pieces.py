@@ -355,9 +355,9 @@ class _Partners:
         ends, weights = found.nodes[:, :2], found.shape[:, :2]
         second = weights[:, 1] > weights[:, 0]
         node = np.where(second, ends[:, 1], ends[:, 0])
-        held = (found.id >= 0) & (weights.max(axis=1) > AT_NODE)
+        held = found.paired & (weights.max(axis=1) > AT_NODE)
         held[held] = ~np.isin(node[held], self._ends)
-        return _Seen(np.where(held, -2 - node, found.id), found.id, ends, found.facets)
+        return _Seen(np.where(held, -2 - node, found.ids), found.ids, ends, found.facets)
 
     def between(self, facet, interval, seen, at):
         """Places (n, m) inside intervals (n, 2) of facets (n,) where the partner may change, or nan, from the partners

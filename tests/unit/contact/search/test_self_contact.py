@@ -52,7 +52,7 @@ def test_a_body_alone_finds_no_partner(tmp_path, shape, cell, search):
     squeezed[:, -1] = -0.3 * x[:, -1]
     for moved in (None, bent, squeezed):
         source, partners = found(space, search, moved=moved)
-        assert np.all(partners.id < 0), source.x[partners.id >= 0]
+        assert np.all(partners.ids < 0), source.x[partners.ids >= 0]
 
 
 @pytest.mark.parametrize("search", SEARCHES)
@@ -63,7 +63,7 @@ def test_a_bent_body_sees_itself_across_the_hollow_alone(tmp_path, shape, cell, 
     path = block_file(tmp_path / "b.msh", cell, [24, *[2] * (DIMENSION[cell] - 1)])
     space = skin_of(SELF, path, ALONE[shape], degree)
     source, partners = found(space, search)
-    paired, r = partners.id >= 0, np.hypot(source.x[:, 0], source.x[:, -1])
+    paired, r = partners.ids >= 0, np.hypot(source.x[:, 0], source.x[:, -1])
     assert np.all(partners.gap[paired] > 0.0)
     outward = (source.normal[:, 0] * source.x[:, 0] + source.normal[:, -1] * source.x[:, -1]) / r
     assert np.mean(paired[outward < -0.9]) > 0.3 and not np.any(paired[outward > 0.9])
@@ -94,7 +94,7 @@ def test_a_narrow_slot_in_thin_sheets(tmp_path, search):
     assert inner.sum() > 20
     np.testing.assert_allclose(partners.gap[inner], 0.25, rtol=1e-9)
     outer = (np.abs(np.abs(source.x[:, 1]) - 0.175) < 1e-9) & (source.x[:, 0] < 1.7)
-    assert outer.sum() > 20 and np.all(partners.id[outer] < 0)
+    assert outer.sum() > 20 and np.all(partners.ids[outer] < 0)
     # pressed through each other by more than a sheet is thick, partners are the same
     moved = np.zeros_like(space.points)
     moved[:, 1] = -np.sign(space.points[:, 1]) * 0.16 * (space.points[:, 0] < 1.85)
@@ -118,7 +118,7 @@ def test_bodies_of_one_group_are_partners(tmp_path, cell):
     source, partners = found(space, "closest_point", 0.3)
     upward = source.normal[:, -1] * np.where(source.components[source.facet] == 0, 1.0, -1.0)
     between = (np.abs(source.x[:, -1] - 1.0) < 0.06) & (upward > 0.5)
-    assert np.all((partners.id >= 0) == between)
+    assert np.all((partners.ids >= 0) == between)
     np.testing.assert_allclose(partners.gap[between], -0.05, rtol=1e-9)
 
 
@@ -228,8 +228,8 @@ def test_partners_do_not_depend_on_the_ranks(shared_tmp, cell, search):
         space = skin_of(comm, path, lambda x: annulus(x, 5.0, 1.0 + 0.1 * np.sin(40.0 * x[:, 0]), 1.4))
         moved = 0.02 * np.sin(9.0 * space.points[:, ::-1])
         source, partners = found(space, search, 4.0, moved)
-        gap = np.where(partners.id >= 0, partners.gap, 0.0)
-        columns = np.column_stack([source.point_keys(), partners.id, gap, partners.y * (partners.id >= 0)[:, None]])
+        gap = np.where(partners.ids >= 0, partners.gap, 0.0)
+        columns = np.column_stack([source.point_keys(), partners.ids, gap, partners.y * (partners.ids >= 0)[:, None]])
         parts = comm.allgather(columns)
         table = np.concatenate(parts)
         tables.append(table[np.argsort(table[:, 0])])

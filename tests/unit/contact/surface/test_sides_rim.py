@@ -22,7 +22,7 @@ def partners(comm, path, x, normals):
     mine = np.arange(comm.rank, len(x), comm.size)
     still = np.zeros((space.n_local, space.dim))
     found = find_partners(space, target, still, QueryPoints(x[mine], normals[mine], 0.6), "closest_point")
-    rows = comm.allgather(np.column_stack([mine, found.id, found.gap, found.normal]))
+    rows = comm.allgather(np.column_stack([mine, found.ids, found.gap, found.normal]))
     table = np.concatenate(rows)
     return table[np.argsort(table[:, 0])]
 
