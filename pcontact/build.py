@@ -173,18 +173,20 @@ def _select(scene, mesh):
     if all(one.name in groups[one.kind] for one in scene.regions) and not isinstance(mesh, RawMesh):
         # an adapted mesh has them
         return
-    if not isinstance(mesh, RawMesh):
+    parts = None if isinstance(mesh, RawMesh) else mesh.parts
+    raw = mesh if parts is None else parts.held
+    if not isinstance(raw, RawMesh):
         found = f"groups by place with the converted mesh {mesh.path}"
         raise input_error(scene.where, "regions", found, "the file that it was converted from, or groups in that")
     size = float(np.linalg.norm(np.ptp(mesh.points, axis=0)))
     for number, one in enumerate(scene.regions):
         check_region(scene, number, mesh.dim, groups, mesh.path)
         test = Condition("x == x" if one.where is None else one.where)
-        made = BY_PLACE[one.kind](mesh, partial(test, size=size), mesh.cell_groups.get(one.of))
+        made = BY_PLACE[one.kind](raw, partial(test, size=size), raw.cell_groups.get(one.of))
         if one.kind == "nodes":
-            made, mesh.edge_groups[one.name] = made
-        groups[one.kind][one.name] = made
-        if not len(made[0] if one.kind == "facets" else made):
+            made, raw.edge_groups[one.name] = made
+        groups[one.kind][one.name] = made = made if parts is None else parts.settle(one.kind, one.name, made)
+        if not (made if isinstance(made, int) else len(made[0] if one.kind == "facets" else made)):
             found = f"{one.where!r}, where there are no {one.kind}{f' of {one.of}' if one.of else ''}"
             low, high = (corner.tolist() for corner in (mesh.points.min(axis=0), mesh.points.max(axis=0)))
             allowed = f"a condition that some fulfil; the mesh goes from {low} to {high}"

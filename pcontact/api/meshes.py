@@ -15,11 +15,12 @@ from pcontact.element.reference import CELLS
 from pcontact.io.vtu import CELL_NAMES
 from pcontact.mesh.formats import from_meshio
 from pcontact.mesh.msh import write_file
-from pcontact.mesh.plex import file_of, read_plex
+from pcontact.mesh.parts import KEPT
+from pcontact.mesh.plex import file_of
 from pcontact.mesh.raw import KINDS, LOWER, Block, FileMesh, RawMesh, Table, facet_vertices, facets_of_nodes
 from pcontact.mesh.read import read_file
 from pcontact.runtime.errors import InputError
-from pcontact.runtime.parallel import on_root
+from pcontact.runtime.parallel import together
 from pcontact.scene.model import MeshSpec
 
 _folder: list[Path] = []
@@ -83,9 +84,15 @@ def _written(source: Any, groups: Mapping[str, Any], facets: Mapping[str, Any]) 
     if not hasattr(source, "getHeightStratum"):
         _write(path, _file(source), groups, facets)
         return path
-    tables, comm = read_plex(source), source.comm.tompi4py()
-    on_root(comm, lambda: _write(path, file_of(tables, "mesh"), groups, facets))
-    return comm.bcast(path)
+    file, comm = file_of(source, "mesh"), source.comm.tompi4py()
+    if comm.size == 1:
+        _write(path, file, groups, facets)
+        return path
+    path = comm.bcast(path)
+    path.touch()  # stands for what is in memory
+    together(comm, lambda: _add(file, groups, facets) if file.tables else None)
+    KEPT[path] = file
+    return path
 
 
 def _file(source: Any) -> FileMesh:
@@ -114,6 +121,12 @@ def _file(source: Any) -> FileMesh:
 
 def _write(path: Path, file: FileMesh, groups: Mapping[str, Any], facets: Mapping[str, Any]) -> None:
     """Write a .msh file with the groups that are added."""
+    _add(file, groups, facets)
+    write_file(path, file)
+
+
+def _add(file: FileMesh, groups: Mapping[str, Any], facets: Mapping[str, Any]) -> None:
+    """Add groups to a mesh, or to what this rank has of it."""
     top, tables = max((table.dim for table in file.tables), default=0), list(file.tables)
     flat = file.points if top == 3 or np.ptp(file.points[:, 2]) else file.points[:, :2]
     first = np.cumsum([0, *(len(table.nodes) for table in tables)])
@@ -128,10 +141,13 @@ def _write(path: Path, file: FileMesh, groups: Mapping[str, Any], facets: Mappin
             if len(own) and not (whole and table.dim < top):
                 file.add(table.dim, name, k, own)
     for name, chosen in facets.items():
-        for kind, nodes in _facets(name, chosen, flat, [table for table in tables if table.dim == top]):
+        found = _facets(chosen, flat, [table for table in tables if table.dim == top])
+        if not found and file.shared is None:
+            raise InputError(f"mesh: facets {name!r}: found no facet of the boundary there; allowed: a group with some")
+        for kind, nodes in found:
             number = file.add_elements("mesh", kind, _dim(kind), nodes)
             file.add(_dim(kind), name, number, np.arange(len(nodes)))
-    write_file(path, file)
+        file.outer |= {name} if callable(chosen) else set()
 
 
 def _dim(kind: str) -> int:
@@ -139,7 +155,7 @@ def _dim(kind: str) -> int:
     return CELLS[KINDS[kind][0]].dim if kind in KINDS else 0
 
 
-def _facets(name: str, chosen: Any, points: np.ndarray, tables: Sequence[Table]) -> list[tuple[str, np.ndarray]]:
+def _facets(chosen: Any, points: np.ndarray, tables: Sequence[Table]) -> list[tuple[str, np.ndarray]]:
     """Facets of a group by their corners."""
     if not callable(chosen):
         corners = np.atleast_2d(np.asarray(chosen, dtype=np.int64))
@@ -147,6 +163,4 @@ def _facets(name: str, chosen: Any, points: np.ndarray, tables: Sequence[Table])
     blocks = [Block(*KINDS[one.kind], one.nodes) for one in tables if one.kind in KINDS]
     raw = RawMesh(Path("mesh"), tables[0].dim, points, blocks)
     cells, local = facets_of_nodes(raw, np.flatnonzero(np.asarray(chosen(points), dtype=bool)))
-    if not len(cells):
-        raise InputError(f"mesh: facets {name!r}: found no facet of the boundary there; allowed: a group with some")
     return [(LOWER[nodes.shape[1]][0], nodes) for _, nodes in facet_vertices(raw, cells, local)]

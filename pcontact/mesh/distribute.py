@@ -7,6 +7,8 @@ from pcontact.element.reference import CELLS
 from pcontact.mesh.hdf5 import ConvertedMesh, is_converted
 from pcontact.mesh.mesh import CellBlock, Facets, Mesh, as_met, z_order
 from pcontact.mesh.partition import WEIGHT, partition
+from pcontact.mesh.parts import KEPT, PartMesh
+from pcontact.mesh.plex import is_petsc_file
 from pcontact.mesh.raw import complete, facet_multiplicity, say_lost, without_middles
 from pcontact.mesh.read import read_mesh
 from pcontact.mesh.slices import bits, fetch, has_bit, means, nodes_of, places, to_owners, whole
@@ -195,31 +197,6 @@ def deal(piece, pairs=(), weight=WEIGHT, method="bisection"):
     return mesh
 
 
-def distribute(comm, raw, curved, body_of_cell, component, pairs=(), weight=WEIGHT, method="bisection"):
-    """Partition the raw mesh on rank 0 and give every rank its part. *Collective.*
-
-    Parameters
-    ----------
-    comm : MPI.Comm
-    raw : RawMesh or None
-        On rank 0: all blocks of one degree.
-    curved : bool or None
-        On rank 0: whether the geometry is of second order.
-    body_of_cell, component : ndarray (n_cells,) or None
-        On rank 0: body number in the scene, and connected component.
-    pairs, weight, method
-        See :func:`pcontact.mesh.partition.partition`.
-
-    Returns
-    -------
-    Mesh
-    """
-    piece = whole(comm, raw, curved, component)
-    piece.body = piece.body if body_of_cell is None else np.asarray(body_of_cell)
-    del raw, body_of_cell, component
-    return deal(piece, pairs, weight, method)
-
-
 def _refuse(piece, rows, message):
     """Raise an InputError about the first of the rows of all ranks and their number, if there are any."""
     total = piece.comm.allreduce(len(rows))
@@ -285,10 +262,9 @@ def _read_whole(comm, path, order, serendipity, surfaces, check):
     return piece, between, lambda cell: cell_name(raw.points, raw.blocks, raw.tags, cell)
 
 
-def _read_slices(comm, path, order, serendipity, surfaces, check, pairs):
-    """The same of a converted mesh, of which every rank has a slice. *Collective.*"""
-    stored = ConvertedMesh(comm, path, None if callable(order) else order, serendipity)
-    together(comm, check, stored.summary(pairs))
+def _read_slices(stored, surfaces, check, pairs):
+    """The same of a mesh of which every rank has a slice, or a part. *Collective.*"""
+    together(stored.comm, check, stored.summary(pairs))
     say_lost(stored.path, stored.lost)
     return stored.piece, {name: stored.between[name] for name in surfaces}, stored.named
 
@@ -380,8 +356,11 @@ def load_mesh(comm, path, order, regions, pairs, check, dealing=(WEIGHT, "bisect
         raise InputError(f"command line: -partition_weight: found {weight:g}; allowed: a number >= 0")
     surfaces = sorted({name for source, target, _ in pairs for name in (source, target) if name is not None})
     with profile.phase("read"):
-        if is_converted(path):
-            piece, between, named = _read_slices(comm, path, order, serendipity, surfaces, check, pairs)
+        spread = path in KEPT or (comm.size > 1 and is_petsc_file(path))
+        if spread or is_converted(path):
+            degree = None if callable(order) else order
+            stored = (PartMesh if spread else ConvertedMesh)(comm, path, degree, serendipity)
+            piece, between, named = _read_slices(stored, surfaces, check, pairs)
         else:
             piece, between, named = _read_whole(comm, path, order, serendipity, surfaces, check)
         _set_bodies(piece, regions, named)

@@ -183,6 +183,8 @@ class Summary:
         Facets that two surfaces have both.
     lost : dict of str to str
         Groups that cannot be used, and why.
+    parts : pcontact.mesh.parts.PartMesh, optional
+        Where groups can be made by place.
     """
 
     path: Path
@@ -193,6 +195,7 @@ class Summary:
     node_groups: dict
     common: dict
     lost: dict
+    parts: object = None
 
 
 def _open(path):
@@ -267,7 +270,7 @@ class ConvertedMesh:
         self.comm, self.path, self._cells = comm, Path(path), SERENDIPITY if serendipity else {}
         # each rank a part of the file, before HDF5 makes anything of what it finds
         summed = together(comm, self._verify)
-        self.piece = together(comm, self._read, order, summed)
+        self.held = self.piece = together(comm, self._read, order, summed)
 
     def _verify(self):
         """Return whether the file has checksums, which this rank's part of it meets."""
@@ -358,18 +361,18 @@ class ConvertedMesh:
         -------
         Summary
         """
-        comm, x = self.comm, self.piece.points
+        comm, x = self.comm, self.held.points
         kept = np.zeros(len(x), dtype=bool)
         if len(x):
             kept = x[:, 0] < 0.0
-            kept[[np.argmin(x[:, 0]), np.argmax(x[:, 0])]] = True
-        common, groups = {}, self.piece.facet_groups
+            kept[[*np.argmin(x, axis=0), *np.argmax(x, axis=0)]] = True
+        common, groups = {}, self.held.facet_groups
         for source, target, _ in pairs:
             if target not in (None, source) and source in groups and target in groups:
                 a, b = (rows * 8 + local for rows, local in (groups[source], groups[target]))
                 common[source, target] = comm.allreduce(len(np.intersect1d(a, b)))
         points = np.concatenate(comm.allgather(x[kept]))
-        return Summary(self.path, self.piece.dim, points, *self._sizes.values(), common, self.lost)
+        return Summary(self.path, self.held.dim, points, *self._sizes.values(), common, self.lost)
 
     def named(self, row):
         """A cell of this rank in the words of a message."""

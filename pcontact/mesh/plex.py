@@ -4,11 +4,10 @@ The Plex has no faces and no edges: they take 570 bytes a cell, and whoever need
 clone. Points 0 to n - 1 are the cells of this rank, all blocks one after the other; the vertices follow, in the order
 of the nodes.
 
-A DMPlex of the user's, as it is or spread over ranks, becomes tables of a mesh on rank 0.
+Of a DMPlex of the user's, as it is or spread over ranks, each rank has its own cells as a mesh file has them.
 """
 
 import ctypes
-from typing import NamedTuple
 
 import h5py
 import numpy as np
@@ -16,6 +15,7 @@ import numpy as np
 from pcontact.element.reference import CELLS, MESHIO_NAMES, facet_kinds, facet_nodes
 from pcontact.mesh.raw import DIMENSION_NAMES, LOWER, FileMesh
 from pcontact.runtime.errors import InputError
+from pcontact.runtime.parallel import agree
 from pcontact.runtime.petsc import MPI, Integer, PETSc, call, handle
 
 _TYPE = PETSc.DMPlex.PolytopeType
@@ -313,29 +313,8 @@ def _set_labels(dm, mesh, number):
             _set_stratum(label, FACETS + int(facet), np.unique(cells[local == facet]))
 
 
-class Tables(NamedTuple):
-    """Contents of a Plex.
-
-    Attributes
-    ----------
-    points : ndarray (n, d)
-        [length]
-    cells : dict of str to ndarray (n, k)
-        Vertices of the cells of each type, in the order of VTK.
-    cell_groups : dict of str to dict of str to ndarray
-        Rows of these tables, by group and type.
-    lower_groups : dict of str to list of ndarray (n, k)
-        Vertices of facets, edges (k = 2) and nodes (k = 1), by group.
-    """
-
-    points: np.ndarray
-    cells: dict
-    cell_groups: dict
-    lower_groups: dict
-
-
-def read_plex(dm):
-    """Cells, vertices and labels of a Plex, on rank 0; None elsewhere. *Collective.*
+def file_of(dm, path):
+    """The cells of a Plex that this rank owns, as a mesh file has them. *Collective.*
 
     Groups are called as their labels: "Cell Sets" and "Face Sets" as the groups of a file that have numbers alone
     (``volume_3``, ``surface_7``), a label with one value as the label itself, one with several ``label_value``. Of a
@@ -345,30 +324,29 @@ def read_plex(dm):
     ----------
     dm : PETSc.DMPlex
         With faces or without, on any number of ranks; cells of an overlap are left out.
+    path : pathlib.Path or str
+        For messages.
 
     Returns
     -------
-    Tables or None
+    FileMesh
 
     Raises
     ------
     InputError
-        Coordinates are not one point for each vertex; cells of a type that has no element.
+        On every rank: coordinates are not one point for each vertex; cells of a type that has no element.
     """
-    comm, part = dm.comm.tompi4py(), _Part(dm)
-    found = comm.gather(part.error or part.tables())
-    error = comm.bcast(next((one for one in found if isinstance(one, str)), None) if found else None)
-    if error is not None:
-        raise InputError(error)
-    return _joined(found) if comm.rank == 0 else None
+    reader = _Reader(dm)
+    agree(reader.comm, reader.error and f"{path}: {reader.error}")
+    return reader.file(path)
 
 
-class _Part:
-    """Part that one rank has of a Plex. *Collective.*"""
+class _Reader:
+    """Reads what one rank has of a Plex. *Collective.*"""
 
     def __init__(self, dm):
-        self.dm, self.dim, self.error = dm, dm.getDimension(), None
-        flat, self.depth = dm.clone(), dm.comm.tompi4py().allreduce(dm.getDepth(), op=MPI.MAX)
+        self.dm, self.comm, self.dim, self.error = dm, dm.comm.tompi4py(), dm.getDimension(), None
+        flat, self.depth = dm.clone(), self.comm.allreduce(dm.getDepth(), op=MPI.MAX)
         if self.depth > 1:
             flat.uninterpolate()
         (self.c0, self.c1), (self.v0, self.v1) = flat.getHeightStratum(0), flat.getDepthStratum(0)
@@ -378,14 +356,14 @@ class _Part:
         flat.destroy()
         wrong = sorted({int(n) for n in self.sizes if (self.dim, int(n)) not in POLYTOPES})
         if wrong:
-            self.error = f"mesh: found cells of a DMPlex with {wrong[0]} vertices in {self.dim} dimensions; allowed: "
+            self.error = f"found cells of a DMPlex with {wrong[0]} vertices in {self.dim} dimensions; allowed: "
             self.error += ", ".join(CELLS_OF.values())
         self._number()
         self._place()
 
     def _number(self):
-        """Numbers of the vertices, and which vertices and cells are owned here."""
-        comm, end = self.dm.comm.tompi4py(), self.dm.getChart()[1]
+        """Numbers of the vertices, and which points are owned here, and which may be on other ranks."""
+        comm, end = self.comm, self.dm.getChart()[1]
         sf = self.dm.getPointSF()
         try:
             known = sf.getGraph()[0] >= 0
@@ -393,56 +371,77 @@ class _Part:
             # PETSc's graph has no size before somebody sets one
             known = False
         sf = sf if comm.allreduce(int(known)) == comm.size else None
-        mine = np.ones(end, dtype=bool)
-        mine[leaves(sf)] = False
-        self.own = mine[self.v0 : self.v1]
-        n = int(self.own.sum())
+        self.mine, self.shared = np.ones(end, dtype=bool), np.zeros(end, dtype=bool)
+        self.mine[leaves(sf)] = False
+        if sf is not None:
+            self.shared[: len(self.mine)] = ~self.mine | (sf.computeDegree()[:end] > 0)
+        own = self.mine[self.v0 : self.v1]
+        n = int(own.sum())
         numbers = np.zeros(end, dtype=np.int64)
-        numbers[self.v0 : self.v1][self.own] = (comm.exscan(n) or 0) + np.arange(n)
+        numbers[self.v0 : self.v1][own] = (comm.exscan(n) or 0) + np.arange(n)
         self.number = told(sf, numbers)
-        self.kept = np.flatnonzero(mine[self.c0 : self.c1])
+        self.kept = np.flatnonzero(self.mine[self.c0 : self.c1])
 
     def _place(self):
         """Coordinates of the vertices."""
         x, width = self.dm.getCoordinatesLocal().getArray(readonly=True), self.dm.getCoordinateDim()
         n = self.v1 - self.v0
         if len(x) != n * width:
-            self.error = f"mesh: found a DMPlex with {len(x) // max(width, 1)} points for {n} vertices; allowed: "
+            self.error = f"found a DMPlex with {len(x) // max(width, 1)} points for {n} vertices; allowed: "
             self.error += "coordinates of degree 1, one point for each vertex"
             return
-        self.x = x.reshape(n, width)[:, : max(self.dim, 2)].copy()
         section = self.dm.getCoordinateSection()
         order = np.array([section.getOffset(v) for v in range(self.v0, self.v1)], dtype=np.int64) // max(width, 1)
-        self.x = self.x[order]
+        self.x = x.reshape(n, width)[order, : max(self.dim, 2)]
 
     def vertices(self, cell):
         """Vertices of a cell in the order of VTK, as points."""
         rows = self.cones[self.offsets[cell] : self.offsets[cell + 1]]
         return rows[POLYTOPES[self.dim, len(rows)][1]]
 
-    def tables(self):
-        """Points, cells and groups of this rank, by the numbers of the vertices."""
-        cells, place = {}, np.full(len(self.sizes), -1, dtype=np.int64)
+    def file(self, path):
+        """Points, cells and groups of this rank."""
+        used = np.unique(self.cones[np.repeat(self.mine[self.c0 : self.c1], self.sizes)])
+        self.at = np.full(self.v1, -1, dtype=np.int64)
+        self.at[used] = np.arange(len(used))
+        file, place = FileMesh.of(self.x[used - self.v0]), np.full((len(self.sizes), 2), -1, dtype=np.int64)
+        file.tags, first = 1 + self.number[used], self.comm.exscan(len(self.kept)) or 0
+        file.shared = None if self.comm.size == 1 else self.shared[used]
         for size in np.unique(self.sizes[self.kept]):
-            rows = self.kept[self.sizes[self.kept] == size]
-            at = self.offsets[rows][:, None] + np.array(POLYTOPES[self.dim, int(size)][1])
-            cells[CELLS_OF[self.dim, int(size)]] = self.number[self.cones[at]]
-            place[rows] = np.arange(len(rows))
-        groups, lower, strata = {}, {}, list(self._strata())
-        for name, value, points in strata:
-            key = (name, value)
-            if FACETS <= value < FACETS + 6 and self.depth == 1:
-                lower.setdefault((name, None), []).extend(self._facet(p - self.c0, value - FACETS) for p in points)
-            elif self.c0 <= points.min() and points.max() < self.c1:
-                own = points[place[points - self.c0] >= 0] - self.c0
-                groups[key] = {CELLS_OF[self.dim, int(size)]: place[own[self.sizes[own] == size]]
-                               for size in np.unique(self.sizes[own])}  # fmt: skip
+            rows, (_, order) = self.kept[self.sizes[self.kept] == size], POLYTOPES[self.dim, int(size)]
+            nodes = self.at[self.cones[self.offsets[rows][:, None] + order]]
+            place[rows, 0] = file.add_elements(path, MESHIO_NAMES[CELLS_OF[self.dim, int(size)], 1], self.dim, nodes)
+            place[rows, 1] = np.arange(len(rows))
+        for table in file.tables:
+            table.tags += first
+        for name, facets, below, points in self._strata():
+            if facets is None and not below:
+                own = place[points - self.c0]
+                for k in np.unique(own[own[:, 0] >= 0, 0]).tolist():
+                    file.add(self.dim, name, k, own[own[:, 0] == k, 1])
+                continue
+            if facets is not None:
+                rows = [self._facet(p - self.c0, facets) for p in points[self.mine[points]]]
             else:
-                lower.setdefault(key, []).extend(self._closure(p) for p in points)
-        return self.x[self.own], cells, groups, lower, [stratum[:2] for stratum in strata]
+                # of facets between two ranks that of the owner, which has a cell there
+                rows = [self._closure(p) for p in (points[self.mine[points]] if below == 1 < self.depth else points)]
+            self._add(path, file, name, rows)
+        return file
+
+    def _add(self, path, file, name, rows):
+        """Add facets, edges and vertices of own cells to a group, by their vertices."""
+        rows = [row for row in (self.at[list(row)] for row in rows) if row.min() >= 0]
+        for n in sorted({len(row) for row in rows}):
+            (kind, below), nodes = LOWER[n], np.array([row for row in rows if len(row) == n])
+            if below:
+                file.add(below, name, file.add_elements(path, kind, below, nodes), np.arange(len(nodes)))
+            else:
+                file.point_groups[name] = np.union1d(file.point_groups.get(name, nodes[:0, 0]), nodes[:, 0])
 
     def _strata(self):
-        """Name, value and points of the highest dimension of every stratum of every label."""
+        """Group, facet of the cells or None, height, and points of this rank, of every stratum of every label; the
+        height is that of the highest dimension on any rank."""
+        own = {}
         for k in range(self.dm.getNumLabels()):
             name = self.dm.getLabelName(k)
             if name in RESERVED:
@@ -451,24 +450,27 @@ class _Part:
             for value in label.getValueIS().getIndices() if label.getNumValues() else ():
                 rows = label.getStratumIS(int(value))
                 points = rows.getIndices().astype(np.int64) if rows is not None and rows.handle else np.zeros(0, int)
-                for height in range(self.depth + 1):
-                    start, end = self.dm.getHeightStratum(height)
-                    here = points[(points >= start) & (points < end)]
-                    if len(here):
-                        yield name, int(value), here
-                        break
+                own[name, int(value)] = [points[(points >= start) & (points < end)] for start, end in
+                                         map(self.dm.getHeightStratum, range(self.depth + 1))]  # fmt: skip
+        there = [(key, height) for key, some in own.items() for height, points in enumerate(some) if len(points)]
+        heights, values = {}, {}
+        for key, height in sorted(set().union(*self.comm.allgather(there))):
+            heights.setdefault(key, height)
+            values.setdefault(key[0], set()).add(key[1])
+        for (name, value), height in heights.items():
+            facet = value - FACETS if FACETS <= value < FACETS + 6 and self.depth == 1 else None
+            group = _named(name, None if facet is not None else value, values, self.dim)
+            yield group, facet, height, own[name, value][height] if (name, value) in own else np.zeros(0, np.int64)
 
     def _facet(self, cell, local):
-        """Numbers of the vertices of a facet of a cell."""
+        """Vertices of a facet of a cell."""
         nodes = self.vertices(cell)
-        kind = CELLS_OF[self.dim, len(nodes)]
-        view = next(view for view, rows in facet_kinds(kind) if local in rows)
-        return tuple(self.number[nodes[facet_nodes(view, 1)[local]]])
+        view = next(view for view, rows in facet_kinds(CELLS_OF[self.dim, len(nodes)]) if local in rows)
+        return nodes[facet_nodes(view, 1)[local]]
 
     def _closure(self, point):
-        """Numbers of the vertices of a point."""
-        points, _ = self.dm.getTransitiveClosure(point)
-        return tuple(self.number[[p for p in points if self.v0 <= p < self.v1]])
+        """Vertices of a point."""
+        return [p for p in self.dm.getTransitiveClosure(point)[0] if self.v0 <= p < self.v1]
 
 
 def is_petsc_file(path):
@@ -480,67 +482,29 @@ def is_petsc_file(path):
         return False
 
 
-def read_petsc_file(path):
-    """Read what PETSc's HDF5 viewer has written of a Plex (``-dm_view hdf5:FILE``), on this process alone: a FileMesh.
+def read_petsc_file(path, comm=MPI.COMM_SELF):
+    """Read what PETSc's HDF5 viewer has written of a Plex (``-dm_view hdf5:FILE``): see :func:`file_of`. *Collective.*
 
     Raises
     ------
     InputError
         This PETSc cannot read it.
     """
+    # createFromFile leaves a bad file open, which MPI ends the process for
+    viewer, dm = PETSc.ViewerHDF5().create(str(path), "r", comm=comm), PETSc.DMPlex().create(comm=comm)
+    with h5py.File(path, "r") as file:
+        # later versions look for a mesh by its name
+        dm.setName(next(iter(file.get("topologies", [])), "mesh"))
     try:
-        dm = PETSc.DMPlex().createFromFile(str(path), interpolate=False, comm=MPI.COMM_SELF)
+        dm.load(viewer)
     except PETSc.Error as error:
         what = str(error).strip().splitlines()[-1]
         raise InputError(f"{path}: found {what!r}; allowed: a mesh that this PETSc can read") from None
-    tables = read_plex(dm)
+    finally:
+        viewer.destroy()
+    file = file_of(dm, path)
     dm.destroy()
-    return file_of(tables, path)
-
-
-def file_of(tables, path):
-    """The FileMesh of the tables of a Plex; messages name a path."""
-    file, dim = FileMesh.of(tables.points), tables.points.shape[1]
-    place = {kind: file.add_elements(path, MESHIO_NAMES[kind, 1], dim, nodes) for kind, nodes in tables.cells.items()}
-    for name, rows in tables.cell_groups.items():
-        for kind, some in rows.items():
-            file.add(dim, name, place[kind], some)
-    for name, parts in tables.lower_groups.items():
-        for nodes in parts:
-            kind, below = LOWER[nodes.shape[1]]
-            if below:
-                file.add(below, name, file.add_elements(path, kind, below, nodes), np.arange(len(nodes)))
-            else:
-                file.point_groups[name] = nodes[:, 0]
     return file
-
-
-def _joined(parts):
-    """The tables of all ranks as one."""
-    points = np.concatenate([part[0] for part in parts])
-    kinds = list(dict.fromkeys(kind for part in parts for kind in part[1]))
-    cells = {kind: np.concatenate([part[1][kind] for part in parts if kind in part[1]]) for kind in kinds}
-    values = {}
-    for name, value in (one for part in parts for one in part[4]):
-        values.setdefault(name, set()).add(value)
-    starts, groups, lower = dict.fromkeys(kinds, 0), {}, {}
-    for _, own, chosen, low, _ in parts:
-        for key, rows in chosen.items():
-            group = groups.setdefault(_named(*key, values, points.shape[1]), {})
-            for kind, some in rows.items():
-                group.setdefault(kind, []).append(starts[kind] + some)
-        for key, rows in low.items():
-            lower.setdefault(_named(*key, values, points.shape[1]), []).extend(rows)
-        for kind, table in own.items():
-            starts[kind] += len(table)
-    groups = {name: {kind: np.concatenate(rows) for kind, rows in group.items()} for name, group in groups.items()}
-    return Tables(points, cells, groups, {name: _by_width(rows) for name, rows in lower.items()})
-
-
-def _by_width(rows):
-    """Tables of equally many vertices each; of what two ranks have once."""
-    once = list({tuple(sorted(row)): row for row in rows}.values())
-    return [np.array([row for row in once if len(row) == n]) for n in sorted({len(row) for row in once})]
 
 
 def _named(name, value, values, dim):

@@ -334,6 +334,10 @@ class FileMesh:
         (dimension, name) of the groups that the file names; some may be empty.
     lost : dict of str to str
         Groups that cannot be used, and why: see `RawMesh.lost`.
+    shared : ndarray, (n,) bool, optional
+        Where every rank has a part of a mesh, nodes that others may have, too, with the same numbers. All are vertices.
+    outer : set of str
+        Groups of facets on the boundary of the part that are meant to be on that of the mesh.
     """
 
     points: np.ndarray
@@ -345,6 +349,8 @@ class FileMesh:
     repeats: bool = False
     declared: list = field(default_factory=list)
     lost: dict = field(default_factory=dict)
+    shared: np.ndarray | None = None
+    outer: set = field(default_factory=set)
 
     @classmethod
     def of(cls, points):

@@ -70,7 +70,7 @@ def read_mesh(path):
         and not in a plane z = const.
     """
     path = Path(path)
-    return _build(read_file(path), path)
+    return build(read_file(path), path)
 
 
 def read_file(path):
@@ -93,8 +93,8 @@ def read_file(path):
     return from_meshio(read_meshio(path), path) if read is None else read(path)
 
 
-def _build(file, path):
-    """Blocks, groups and checks, in the order in which a message helps most."""
+def build(file, path):
+    """Blocks, groups and checks of a FileMesh, in the order in which a message helps most: a RawMesh."""
     dim = _dimension(file, path)
     _check_points(file, path)
     blocks, tags, start = _blocks(file, dim)

@@ -6,12 +6,17 @@ from pathlib import Path
 import numpy as np
 
 from pcontact.element.reference import CELLS, facet_kinds, facet_nodes
+from pcontact.mesh.raw import Block, RawMesh
 from pcontact.runtime.jit import njit, njit_exact
 from pcontact.runtime.parallel import split_by_rank
 from pcontact.runtime.petsc import MPI
 
 # groups per column of bits
 COLUMN = 62
+_NONE = np.zeros(0, dtype=np.int64)
+# groups of a mesh, without members
+GROUPS = {"cell_groups": _NONE, "facet_groups": (_NONE, _NONE), "node_groups": _NONE,
+          "edge_groups": _NONE.reshape(0, 2)}  # fmt: skip
 
 
 @dataclass
@@ -117,47 +122,51 @@ class MeshSlice:
             self.node_groups[name] = np.flatnonzero(has_bit(members, k))
 
 
+def level(comm, raw):
+    """What this rank has of a mesh (None: nothing), with the blocks and groups that any rank has. *Collective.*"""
+    own = raw and (raw.path, raw.dim, [(block.cell, block.degree, block.nodes.shape[1]) for block in raw.blocks],
+                   {kind: list(getattr(raw, kind)) for kind in GROUPS}, raw.lost)  # fmt: skip
+    heads = [head for head in comm.allgather(own) if head]
+    path, dim = heads[0][:2]
+    there = {block.cell: block for block in raw.blocks} if raw else {}
+    # where several ranks have cells, they have them in this order
+    kinds = sorted(set().union(*(head[2] for head in heads)), key=lambda kind: kind[2]) if heads[1:] else heads[0][2]
+    blocks = [there.get(cell, Block(cell, degree, np.zeros((0, n), dtype=np.int64))) for cell, degree, n in kinds]
+    lost, groups = {name: why for head in heads for name, why in head[4].items()}, {}
+    for kind, none in GROUPS.items():
+        names = dict.fromkeys(name for head in heads for name in head[3][kind]
+                              if kind != "facet_groups" or name not in lost)  # fmt: skip
+        groups[kind] = {name: getattr(raw, kind).get(name, none) if raw else none for name in names}
+    points, tags = (raw.points, raw.tags) if raw else (np.zeros((0, dim)), None)
+    return RawMesh(path, dim, points, blocks, **groups, tags=tags, lost=lost)
+
+
 def whole(comm, raw, curved, component):
-    """The slices of a mesh that rank 0 has read: everything there, nothing elsewhere. *Collective.*
+    """The slices of a mesh of which every rank has the cells and nodes that it has read, rank 0 all. *Collective.*
 
     Parameters
     ----------
     comm : MPI.Comm
-    raw, curved, component
-        On rank 0; see :func:`pcontact.mesh.distribute.distribute`.
+    raw : pcontact.mesh.raw.RawMesh or None
+        All blocks of one degree; None: this rank has nothing.
+    curved : bool or None
+        Whether the geometry is of second order, where there is a mesh.
+    component : ndarray (n_cells,) or None
+        Connected component of each cell.
 
     Returns
     -------
     MeshSlice
         Of one body.
     """
-    head = None
-    if comm.rank == 0:
-        head = {
-            "path": raw.path, "dim": raw.dim, "degree": raw.blocks[0].degree, "curved": bool(curved),
-            "n_nodes_total": len(raw.points), "n_cells_total": len(component),
-            "n_components": int(component.max()) + 1 if len(component) else 0,
-            "cells": [(b.cell, b.nodes.shape[1]) for b in raw.blocks],
-            "groups": [list(g) for g in (raw.cell_groups, raw.facet_groups, raw.node_groups, raw.edge_groups)],
-        }  # fmt: skip
-    head = comm.bcast(head, root=0)
-    cells, groups = head.pop("cells"), head.pop("groups")
-    none = np.zeros(0, dtype=np.int64)
-    starts = np.full(comm.size + 1, head["n_nodes_total"], dtype=np.int64)
-    starts[0] = 0
-    if comm.rank == 0:
-        return MeshSlice(
-            comm, blocks=[SliceBlock(b.cell, b.nodes) for b in raw.blocks],
-            ids=np.arange(len(component)), body=np.zeros(len(component), dtype=np.int64), component=component,
-            points=raw.points,
-            point_starts=starts, cell_groups=raw.cell_groups, facet_groups=raw.facet_groups,
-            node_groups=raw.node_groups, edge_groups=raw.edge_groups, **head,
-        )  # fmt: skip
+    raw, component = level(comm, raw), _NONE if component is None else component
+    starts, n = np.cumsum([0, *comm.allgather(len(raw.points))]), len(component)
     return MeshSlice(
-        comm, blocks=[SliceBlock(cell, np.zeros((0, width), dtype=np.int64)) for cell, width in cells],
-        ids=none, body=none, component=none, points=np.zeros((0, head["dim"])), point_starts=starts,
-        cell_groups=dict.fromkeys(groups[0], none), facet_groups=dict.fromkeys(groups[1], (none, none)),
-        node_groups=dict.fromkeys(groups[2], none), edge_groups=dict.fromkeys(groups[3], none.reshape(0, 2)), **head,
+        comm, raw.path, raw.dim, raw.blocks[0].degree, comm.allreduce(bool(curved), op=MPI.LOR),
+        [SliceBlock(block.cell, block.nodes) for block in raw.blocks], (comm.exscan(n) or 0) + np.arange(n),
+        np.zeros(n, dtype=np.int64), component, raw.points, starts, int(starts[-1]), comm.allreduce(n),
+        comm.allreduce(int(component.max(initial=-1)) + 1, op=MPI.MAX),
+        **{kind: getattr(raw, kind) for kind in GROUPS},
     )  # fmt: skip
 
 

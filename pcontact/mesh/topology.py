@@ -395,7 +395,7 @@ def outer_facets(mesh, exchanger, of_bodies=False):
     keys = np.concatenate(keys)
     outer = once(keys)
     chosen = np.flatnonzero(outer)
-    outer[chosen] = _nowhere_else(exchanger, keys[chosen])
+    outer[chosen] = nowhere_else(exchanger, keys[chosen])
     result, first = [], 0
     for number, kind, rows, n_cells in owners:
         part = outer[first : first + n_cells * len(rows)].reshape(n_cells, len(rows))
@@ -406,7 +406,7 @@ def outer_facets(mesh, exchanger, of_bodies=False):
     return result
 
 
-def _nowhere_else(exchanger, keys):
+def nowhere_else(exchanger, keys):
     """Tell which of some keys (n,) no other rank has. *Collective.*"""
     home = (keys % np.uint64(exchanger.comm.size)).astype(np.int64)
     single = exchanger.ask(home, keys.view(np.int64)[:, None], lambda rows: once(rows[:, 0])[:, None].astype(np.int64))
@@ -495,40 +495,48 @@ def _other_side(mesh, blocks, corners):
 def _connected(mesh, regions):
     """Number the connected components of a mesh whose cells have changed; how many there are, and their names.
     *Collective.*"""
-    comm, tables = mesh.comm, [block.nodes[:, : CELLS[block.cell].n_vertices] for block in mesh.blocks]
-    own = label(tables, len(mesh.points))
-    count = int(own.max(initial=-1)) + 1
-    counts = comm.allgather(count)
+    tables, cells = [block.nodes[:, : CELLS[block.cell].n_vertices] for block in mesh.blocks], mesh.of_cells("ids")
+    number = connected(mesh.comm, tables, mesh.file_nodes, mesh.n_nodes_total, cells)
+    for block, rows in numbered(mesh.blocks):
+        block.components = number[rows]
+    names, bodies = {}, zip(number.tolist(), mesh.of_cells("body").tolist(), strict=True)
+    for k, body in sorted(set().union(*mesh.comm.allgather(set(bodies)))):
+        names.setdefault(k, []).append(regions[body])
+    return len(names), [" + ".join(some) for some in names.values()]
+
+
+def connected(comm, tables, numbers, n_total, cells=None):
+    """Connected component of every cell of this rank (n,), numbered in the order of their first cells. *Collective.*
+
+    tables (n_cells, n_vertices) by nodes of this rank, whose numbers (n_nodes,) are below n_total; cells (n,): their
+    numbers, absent: rank by rank.
+    """
+    own = label(tables, len(numbers))
+    counts = comm.allgather(int(own.max(initial=-1)) + 1)
     own += sum(counts[: comm.rank])
-    cells, bodies = mesh.of_cells("ids"), mesh.of_cells("body")
     least, n = np.full(sum(counts), np.iinfo(np.int64).max), sum(counts)
-    np.minimum.at(least, own, cells)
+    np.minimum.at(least, own, own if cells is None else cells)
     least = np.array(comm.allgather(least)).min(axis=0)
-    pairs = _joints(mesh, tables, own)
+    pairs = _joints(comm, tables, numbers, n_total, own)
     # the component with the cell of the lowest number is the first
     order = np.argsort(least)
     whole = label([order[:, None].repeat(2, axis=1), pairs], n)[:n]
     number = np.empty(n, dtype=np.int64)
     number[order] = whole
-    names = [set() for _ in range(int(number.max(initial=-1)) + 1)]
-    for block, rows in numbered(mesh.blocks):
-        block.components = number[own[rows]]
-    for k, body in sorted(set().union(*comm.allgather(set(zip(number[own].tolist(), bodies.tolist(), strict=True))))):
-        names[k].add(body)
-    return len(names), [" + ".join(regions[body] for body in sorted(some)) for some in names]
+    return number[own]
 
 
-def _joints(mesh, tables, own):
+def _joints(comm, tables, numbers, n_total, own):
     """Pairs (n, 2) of connected parts of ranks that have a node in common, on all ranks. *Collective.*"""
-    comm, none = mesh.comm, np.zeros((0, 2), dtype=np.int64)
+    none = np.zeros((0, 2), dtype=np.int64)
     if comm.size == 1:
         return none
-    part = np.full(len(mesh.points), -1, dtype=np.int64)
-    for table, (_, rows) in zip(tables, numbered(mesh.blocks), strict=True):
-        part[table] = own[rows, None]
+    part, end = np.full(len(numbers), -1, dtype=np.int64), 0
+    for table in tables:
+        part[table], end = own[end : end + len(table), None], end + len(table)
     nodes = np.flatnonzero(part >= 0)
     own = part[nodes]
-    theirs = told(owners(comm, mesh.file_nodes[nodes], mesh.n_nodes_total), own)
+    theirs = told(owners(comm, numbers[nodes], n_total), own)
     pairs = np.unique(np.column_stack([own, theirs])[own != theirs], axis=0)
     return np.unique(np.concatenate(comm.allgather(pairs)), axis=0)
 

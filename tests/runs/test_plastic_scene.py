@@ -12,7 +12,6 @@ from pcontact.assembly.solid import Solid
 from pcontact.io.observers import Terminal
 from pcontact.io.result import load_result
 from pcontact.io.snapshot import NodeMeans
-from pcontact.mesh.distribute import distribute
 from pcontact.mesh.raw import complete
 from pcontact.mesh.read import read_mesh
 from pcontact.mesh.topology import components
@@ -29,6 +28,7 @@ from pcontact.space.space import Space
 from pcontact.view.quantity import available, find
 from pcontact.view.show import show
 from tests.support.bad_input import INNER
+from tests.support.dealt import distribute
 from tests.support.small import DIMENSION, block_file, keys
 
 WORLD = MPI.COMM_WORLD

@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from pcontact.mesh.distribute import distribute
 from pcontact.mesh.raw import complete
 from pcontact.mesh.read import read_mesh
 from pcontact.mesh.topology import components
 from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Output, Scene, Steps
 from pcontact.space.space import Space
+from tests.support.dealt import distribute
 
 SIDES = ("left", "right", "front", "back", "bottom", "top")
 

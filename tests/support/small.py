@@ -8,12 +8,12 @@ from pcontact.assembly.solid import Solid
 from pcontact.contact.report import ContactReport
 from pcontact.element.reference import shape, shape_gradient
 from pcontact.material.elastic import Elastic
-from pcontact.mesh.distribute import distribute
 from pcontact.mesh.raw import complete
 from pcontact.mesh.read import read_mesh
 from pcontact.mesh.topology import components
 from pcontact.runtime.petsc import MPI
 from pcontact.space.space import Space
+from tests.support.dealt import distribute
 
 SELF = MPI.COMM_SELF
 DIMENSION = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}

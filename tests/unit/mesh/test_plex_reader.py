@@ -3,9 +3,12 @@
 import numpy as np
 import pytest
 
+from pcontact.api import mesh_from
 from pcontact.cli import convert_mesh
+from pcontact.element.reference import facet_nodes
 from pcontact.mesh.distribute import load_mesh
-from pcontact.mesh.plex import read_plex
+from pcontact.mesh.parts import PartMesh
+from pcontact.mesh.plex import file_of
 from pcontact.mesh.read import read_mesh
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import MPI, PETSc
@@ -31,14 +34,23 @@ def box(dim, interpolate, distribute):
     return dm
 
 
-def volumes(tables):
-    """By the edges of bricks that meet in their first vertex, in the order of VTK."""
+def volume(file, dim):
+    """By the edges of bricks that meet in their first vertex, in the order of VTK; of this rank's."""
     total = 0.0
-    for nodes in tables.cells.values():
-        x = tables.points[nodes]
-        corners = [1, 3] if x.shape[2] == 2 else [1, 3, 4]
-        total += np.sum(np.linalg.det(x[:, corners] - x[:, :1]))
+    for table in file.tables:
+        if table.dim == dim:
+            x = file.points[table.nodes][:, :, :dim]
+            total += np.sum(np.linalg.det(x[:, [1, 3] if dim == 2 else [1, 3, 4]] - x[:, :1]))
     return total
+
+
+def sizes(file):
+    """Number of members of the groups by dimension and name, of all ranks."""
+    counts = {}
+    for own in WORLD.allgather({key: sum(len(rows) for _, rows in parts) for key, parts in file.groups.items()}):
+        for key, n in own.items():
+            counts[key] = counts.get(key, 0) + n
+    return counts
 
 
 @parallel
@@ -46,30 +58,32 @@ def volumes(tables):
 @pytest.mark.parametrize("interpolate", [True, False])
 @pytest.mark.parametrize("dim", [2, 3])
 def test_a_box_of_petsc(dim, interpolate, distribute):
-    """All cells once, of positive volume, with the groups of "Cell Sets" and "Face Sets"."""
-    tables = read_plex(box(dim, interpolate, distribute))
-    if WORLD.rank:
-        assert tables is None
-        return
-    assert volumes(tables) == pytest.approx(1.0)
-    assert len(tables.points) == 3 * 4 * (3 if dim == 3 else 1)
-    assert np.array_equal(np.unique(np.concatenate([t.ravel() for t in tables.cells.values()])),
-                          np.arange(len(tables.points)))  # fmt: skip
-    n = sum(len(nodes) for nodes in tables.cells.values())
-    word = "volume" if dim == 3 else "surface"
+    """All cells once, of positive volume, with the groups of "Cell Sets" and "Face Sets"; each rank has its own."""
+    dm = box(dim, interpolate, distribute)
+    file, n = file_of(dm, "box"), 6 * (2 if dim == 3 else 1)
+    assert WORLD.allreduce(volume(file, dim)) == pytest.approx(1.0)
+    cells = [len(table.nodes) for table in file.tables if table.dim == dim]
+    assert WORLD.allreduce(sum(cells)) == n
+    assert sum(cells) == dm.getHeightStratum(0)[1] and (not distribute or WORLD.size > 4 or cells)
+    tags = np.unique(np.concatenate(WORLD.allgather(file.tags)))
+    np.testing.assert_array_equal(tags, 1 + np.arange(3 * 4 * (3 if dim == 3 else 1)))
+    if WORLD.size > 1:
+        everywhere = np.concatenate(WORLD.allgather(file.tags))
+        twice = np.isin(file.tags, [tag for tag in tags if np.sum(everywhere == tag) > 1])
+        np.testing.assert_array_equal(file.shared, twice)
+    counts, word = sizes(file), "volume" if dim == 3 else "surface"
     for number, half in ((7, 0.25), (8, 0.75)):
-        rows = tables.cell_groups[f"{word}_{number}"]
-        assert sum(len(some) for some in rows.values()) == n / 2
-        for kind, some in rows.items():
-            np.testing.assert_allclose(tables.points[tables.cells[kind][some]].mean(axis=1)[:, 0], half, atol=0.13)
+        assert counts[dim, f"{word}_{number}"] == n / 2
+        for k, rows in file.groups.get((dim, f"{word}_{number}"), []):
+            middles = file.points[file.tables[k].nodes[rows]].mean(axis=1)
+            np.testing.assert_allclose(middles[:, 0], half, atol=0.13)
     if interpolate:
         faces = "surface" if dim == 3 else "curve"
-        assert {name for name in tables.lower_groups if name.startswith(faces)} == {
-            f"{faces}_{k}" for k in range(1, 2 * dim + 1)
-        }
-        for rows in tables.lower_groups[f"{faces}_1"]:
+        found = {name for _, name in counts if name.startswith(faces)}
+        assert found == {f"{faces}_{k}" for k in range(1, 2 * dim + 1)}
+        for k, rows in file.groups.get((dim - 1, f"{faces}_1"), []):
             # a side of the box
-            assert np.ptp(tables.points[rows].reshape(-1, dim), axis=0).min() == 0.0
+            assert np.ptp(file.points[file.tables[k].nodes[rows], :dim].reshape(-1, dim), axis=0).min() == 0.0
 
 
 @parallel
@@ -82,6 +96,18 @@ def test_a_file_of_gmsh_that_petsc_reads(shared_tmp, distribute, regions):
         blocks_file(path, "tetrahedron", 3, 2)
     WORLD.Barrier()
     mesh = load_mesh(WORLD, path, 1, ["lower", "upper"], [("upper_bottom", "lower_top", None)], lambda raw: None)
+    counts = sizes(file_of(of_gmsh(path, distribute, regions), path))
+    n = WORLD.allreduce(sum(len(part.cells) for part in mesh.facet_groups["upper_bottom"]))
+    if regions:
+        assert {(3, "lower"), (3, "upper")} <= set(counts) and counts[2, "upper_bottom"] == n
+        assert counts[3, "lower"] + counts[3, "upper"] == mesh.n_cells_total
+    else:
+        assert len([name for dim, name in counts if dim == 3 and name.startswith("volume_")]) == 2
+        assert n in [count for (dim, name), count in counts.items() if dim == 2 and name.startswith("surface_")]
+
+
+def of_gmsh(path, distribute=True, regions=True):
+    """A file that PETSc has read, on rank 0 alone or distributed."""
     options = PETSc.Options()
     options.setValue("dm_plex_gmsh_use_regions", regions)
     try:
@@ -90,19 +116,78 @@ def test_a_file_of_gmsh_that_petsc_reads(shared_tmp, distribute, regions):
         options.delValue("dm_plex_gmsh_use_regions")
     if distribute:
         dm.distribute()
-    tables = read_plex(dm)
-    n = sum(len(part.cells) for part in mesh.facet_groups["upper_bottom"])
-    n, size = WORLD.allreduce(n), np.ptp(mesh.points, axis=0)
-    if WORLD.rank:
+    return dm
+
+
+@pytest.mark.parallel(2, 3)
+@pytest.mark.parametrize("cell", ["tetrahedron", "quadrilateral", "mixed"])
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("distribute", [True, False])
+def test_the_mesh_of_a_plex_is_that_of_its_file(shared_tmp, cell, order, distribute):
+    """Cells, nodes, surfaces and components, wherever PETSc has left them; of degree 2, too."""
+    path = shared_tmp / "blocks.msh"
+    if WORLD.rank == 0:
+        blocks_file(path, "hexahedron" if cell == "mixed" else cell, 4, 3)
+        if cell == "mixed":
+            cut_mesh(path, path, ("hexahedron", "wedge", "pyramid"), split="upper_top")
+    WORLD.Barrier()
+    regions, pairs = ["lower", "upper"], [("upper_bottom", "lower_top", None)]
+
+    def load(path, order):
+        return load_mesh(WORLD, path, order, regions, pairs, lambda mesh: None)
+
+    # PETSc does not read all kinds of cells in one file
+    dm = load(path, 1).dm if cell == "mixed" else of_gmsh(path, distribute)
+    wanted = load(path, order)
+    top = WORLD.allreduce(wanted.points[:, -1].max(initial=0.0), op=MPI.MAX)
+    found = load(mesh_from(dm, facets={"top": lambda x: x[:, -1] == top}).file, order)
+    assert found.n_nodes_total == wanted.n_nodes_total and found.n_cells_total == wanted.n_cells_total
+    assert found.n_components == 2 and sorted(found.component_names) == regions
+    for name in ("upper_bottom", "lower_top", "lower_bottom"):
+        assert places(found, name) == places(wanted, name) != []
+    assert places(found, "top") == places(wanted, "upper_top")
+    assert nodes(found) == nodes(wanted)
+
+
+def rounded(x):
+    return [tuple(row) for row in np.round(x, 9).tolist()]
+
+
+def places(mesh, name):
+    """Middles of the facets of a group, of all ranks, sorted."""
+    own = []
+    for part in mesh.facet_groups[name]:
+        corners = mesh.blocks[part.block].nodes[part.cells[:, None], facet_nodes(part.cell, 1)[part.local]]
+        own.append(rounded(mesh.points[corners].mean(axis=1)))
+    return sorted(row for some in WORLD.allgather(own) for one in some for row in one)
+
+
+def nodes(mesh):
+    """Places of all nodes by their numbers, of which each has one place."""
+    own = set(zip(mesh.file_nodes.tolist(), rounded(mesh.points), strict=True))
+    every = set().union(*WORLD.allgather(own))
+    assert sorted(number for number, _ in every) == list(range(mesh.n_nodes_total))
+    return sorted(place for _, place in every)
+
+
+@pytest.mark.parallel(2, 3, 4)
+def test_a_surface_between_cells():
+    """Its facets are there once, and none is on the boundary, also where its two cells are on two ranks; a function
+    names those on the boundary of the whole mesh alone."""
+    if WORLD.size == 1:
         return
-    assert len(tables.points) == mesh.n_nodes_total and size.min() > 0.0
-    assert sum(len(nodes) for nodes in tables.cells.values()) == mesh.n_cells_total
-    counts = {name: sum(map(len, rows)) for name, rows in tables.lower_groups.items()}
-    if regions:
-        assert {"lower", "upper"} <= set(tables.cell_groups) and counts["upper_bottom"] == n
-    else:
-        assert len([name for name in tables.cell_groups if name.startswith("volume_")]) == 2
-        assert n in [count for name, count in counts.items() if name.startswith("surface_")]
+    dm = box(3, True, True)
+    dm.createLabel("inside")
+    v0, v1 = dm.getDepthStratum(0)
+    x = dm.getCoordinatesLocal().getArray(readonly=True).reshape(-1, 3)
+    for facet in range(*dm.getHeightStratum(1)):
+        if np.all(x[[p - v0 for p in dm.getTransitiveClosure(facet)[0] if v0 <= p < v1], 0] == 0.5):
+            dm.setLabelValue("inside", facet, 1)
+    part = PartMesh(WORLD, mesh_from(dm, facets={"skin": lambda x: x[:, 0] >= 0.0}).file, 1)
+    between = {name: WORLD.allreduce(int(some.sum())) for name, some in part.between.items()}
+    counts = part.summary([]).facet_groups
+    assert between.pop("inside") == counts["inside"] == 6 and not any(between.values())
+    assert counts["skin"] == 32
 
 
 @pytest.mark.parametrize("cell", ["triangle", "quadrilateral", "mixed"])
@@ -138,20 +223,15 @@ def test_our_own_plex_handed_back(shared_tmp, cell):
             cut_mesh(path, path, ("hexahedron", "wedge", "pyramid"), split="upper_top")
     WORLD.Barrier()
     mesh = load_mesh(WORLD, path, 1, ["lower", "upper"], [("upper_bottom", "lower_top", None)], lambda raw: None)
-    tables = read_plex(mesh.dm)
+    counts = sizes(file_of(mesh.dm, "mesh"))
     members = {name: WORLD.allreduce(sum(len(rows) for rows in parts)) for name, parts in mesh.cell_groups.items()}
     facets = {
         name: WORLD.allreduce(sum(len(part.cells) for part in parts)) for name, parts in mesh.facet_groups.items()
     }
-    if WORLD.rank:
-        return
-    assert len(tables.points) == mesh.n_nodes_total
-    assert sum(len(nodes) for nodes in tables.cells.values()) == mesh.n_cells_total
-    assert {name: sum(map(len, rows.values())) for name, rows in tables.cell_groups.items()} == members
-    assert {name: sum(map(len, tables.lower_groups[name])) for name in facets} == facets
-    for rows in tables.lower_groups["upper_bottom"]:
-        x = tables.points[rows].reshape(-1, mesh.dim)
-        np.testing.assert_allclose(x[:, -1], x[0, -1], atol=1e-12)
+    assert {name: n for (dim, name), n in counts.items() if dim == mesh.dim} == members
+    assert {name: n for (dim, name), n in counts.items() if dim == mesh.dim - 1} == facets
+    again = load_mesh(WORLD, mesh_from(mesh.dm).file, 1, ["lower", "upper"], [], lambda raw: None)
+    assert nodes(again) == nodes(mesh) and places(again, "upper_bottom") == places(mesh, "upper_bottom")
 
 
 @parallel
@@ -159,10 +239,10 @@ def test_cells_of_an_overlap_count_once():
     """A box of PETSc's with cells of other ranks around those of each."""
     dm = box(3, True, False)
     dm.distribute(overlap=1)
-    tables = read_plex(dm)
-    if WORLD.rank == 0:
-        assert volumes(tables) == pytest.approx(1.0) and len(tables.cells["hexahedron"]) == 12
-        assert sum(len(some) for some in tables.cell_groups["volume_7"].values()) == 6
+    file = file_of(dm, "box")
+    assert WORLD.allreduce(volume(file, 3)) == pytest.approx(1.0)
+    counts = sizes(file)
+    assert counts[3, "volume_7"] == 6 and counts[2, "surface_1"] == 6
 
 
 @parallel
@@ -172,4 +252,4 @@ def test_what_has_no_element_is_refused():
     cells, points = np.array([[0, 1]] * n, dtype=PETSc.IntType).reshape(n, 2), np.arange(2.0 * n)[:, None]
     dm = PETSc.DMPlex().createFromCellList(1, cells, points, comm=WORLD)
     with pytest.raises(InputError, match="2 vertices in 1 dimensions"):
-        read_plex(dm)
+        file_of(dm, "mesh")

@@ -12,7 +12,6 @@ from pcontact.contact.search.partners import find_partners
 from pcontact.contact.search.projection import QueryPoints
 from pcontact.contact.search.self_contact import self_surface
 from pcontact.contact.surface.sides import source_surface, target_surface
-from pcontact.mesh.distribute import distribute
 from pcontact.mesh.read import read_mesh
 from pcontact.mesh.topology import components
 from pcontact.runtime.observer import Observer
@@ -20,6 +19,7 @@ from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Contact, Region
 from pcontact.simulation import Simulation
 from pcontact.space.space import Space
+from tests.support.dealt import distribute
 from tests.support.pairs import CONSTANTS, by_key, residual_of
 from tests.support.self_contact import ALONE, annulus, skin_of, strip
 from tests.support.small import DIMENSION, SELF, Together, block_file, blocks_file, dense_item, elastic_solid, vector_of

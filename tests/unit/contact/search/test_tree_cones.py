@@ -9,10 +9,10 @@ from pcontact.contact.search.self_contact import self_surface
 from pcontact.contact.search.tree import build_tree, normal_cones
 from pcontact.contact.surface.facet_maps import facet_boxes
 from pcontact.contact.surface.sides import source_surface, target_surface
-from pcontact.mesh.distribute import distribute
 from pcontact.mesh.read import read_mesh
 from pcontact.mesh.topology import components
 from pcontact.space.space import Space
+from tests.support.dealt import distribute
 from tests.support.pairs import CONSTANTS
 from tests.support.self_contact import ALONE, annulus, skin_of
 from tests.support.small import DIMENSION, SELF, block_file

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from pcontact.contact.search.unjoined import unjoined
-from pcontact.mesh.distribute import distribute
 from pcontact.mesh.raw import Block, RawMesh, complete, facets_of_nodes
 from pcontact.mesh.read import read_mesh
 from pcontact.mesh.topology import components, orient
@@ -18,6 +17,7 @@ from pcontact.runtime.petsc import MPI
 from pcontact.scene.reader import read_scene
 from pcontact.simulation import Simulation
 from tests.support.bad_input import SCENE, mesh_text
+from tests.support.dealt import distribute
 from tests.support.small import DIMENSION, blocks_file
 
 WORLD = MPI.COMM_WORLD
