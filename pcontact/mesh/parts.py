@@ -33,7 +33,8 @@ class PartMesh(ConvertedMesh):
     def __init__(self, comm, path, order, serendipity=False):
         self.comm, self.path, self._degree = comm, path, (order, serendipity)
         self._file = KEPT.get(path) or read_petsc_file(path, comm)
-        self._exchanger = Exchanger(comm)
+        # of the vertices, which come first
+        self._numbers, self._exchanger = self._file.tags[: len(self._file.shared)] - 1, Exchanger(comm)
         self.held = raw = level(comm, together(comm, self._build))
         self.lost, self.between, self._elsewhere = raw.lost, {}, self._shared_facets()
         groups = {kind: getattr(raw, f"{kind[:-1]}_groups").items() for kind in ("cells", "facets", "nodes")}
@@ -48,7 +49,7 @@ class PartMesh(ConvertedMesh):
         keys, facets = [np.zeros(0, dtype=np.uint64)], [np.zeros(0, dtype=np.int64)]
         for count in (2,) if self.held.dim == 2 else (3, 4):
             corners, cells, local = facets_among(self.held.blocks, self._file.shared, count)
-            keys.append(mixed(self._file.tags)[corners].sum(axis=1, dtype=np.uint64))
+            keys.append(mixed(self._numbers)[corners].sum(axis=1, dtype=np.uint64))
             facets.append(8 * cells + local)
         return np.concatenate(facets)[~nowhere_else(self._exchanger, np.concatenate(keys))]
 
@@ -79,10 +80,10 @@ class PartMesh(ConvertedMesh):
             raw = complete(raw, 2)
             raw = without_middles(raw) if serendipity else raw
         rows = np.column_stack([np.full(len(raw.points), comm.rank), raw.points.view(np.int64)])
-        tags, numbers = self._file.tags, np.full(len(rows), -1, dtype=np.int64)
-        numbers[: len(tags)] = tags - 1
-        base = SimpleNamespace(n_nodes_total=comm.allreduce(int(tags.max(initial=0)), op=MPI.MAX))
-        home, ids = number_nodes(self._exchanger, base, numbers, _keys(raw, tags), rows, fewer=True)
+        own, numbers = self._numbers, np.full(len(rows), -1, dtype=np.int64)
+        numbers[: len(own)] = own
+        base = SimpleNamespace(n_nodes_total=1 + comm.allreduce(int(own.max(initial=-1)), op=MPI.MAX))
+        home, ids = number_nodes(self._exchanger, base, numbers, _keys(raw, own), rows, fewer=True)
         places = home.places[:, 0]
         component = connected(comm, [block.vertices for block in raw.blocks], ids, home.total)
         piece = replace(

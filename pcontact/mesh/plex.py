@@ -12,7 +12,7 @@ import ctypes
 import h5py
 import numpy as np
 
-from pcontact.element.reference import CELLS, MESHIO_NAMES, facet_kinds, facet_nodes
+from pcontact.element.reference import CELLS, MESHIO_NAMES, facet_kinds, facet_nodes, n_nodes
 from pcontact.mesh.raw import DIMENSION_NAMES, LOWER, FileMesh
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import agree
@@ -334,7 +334,7 @@ def file_of(dm, path):
     Raises
     ------
     InputError
-        On every rank: coordinates are not one point for each vertex; cells of a type that has no element.
+        On every rank: coordinates are not continuous, of degree 1 or 2; cells of a type that has no element.
     """
     reader = _Reader(dm)
     agree(reader.comm, reader.error and f"{path}: {reader.error}")
@@ -383,16 +383,38 @@ class _Reader:
         self.kept = np.flatnonzero(self.mine[self.c0 : self.c1])
 
     def _place(self):
-        """Coordinates of the vertices."""
-        x, width = self.dm.getCoordinatesLocal().getArray(readonly=True), self.dm.getCoordinateDim()
-        n = self.v1 - self.v0
-        if len(x) != n * width:
-            self.error = f"found a DMPlex with {len(x) // max(width, 1)} points for {n} vertices; allowed: "
-            self.error += "coordinates of degree 1, one point for each vertex"
-            return
-        section = self.dm.getCoordinateSection()
-        order = np.array([section.getOffset(v) for v in range(self.v0, self.v1)], dtype=np.int64) // max(width, 1)
-        self.x = x.reshape(n, width)[order, : max(self.dim, 2)]
+        """Coordinates, and the row of each point that has some."""
+        section, width, end = self.dm.getCoordinateSection(), self.dm.getCoordinateDim(), self.dm.getChart()[1]
+        x, self.row = self.dm.getCoordinatesLocal().getArray(readonly=True), np.full(end, -1, dtype=np.int64)
+        for point in range(*section.getChart()):
+            if section.getDof(point):
+                self.row[point] = section.getOffset(point) // width
+        here = self.row >= 0
+        if here.sum() * width != len(x) or not here[self.v0 : self.v1].all():
+            self.error = f"found a DMPlex with {len(x) // max(width, 1)} points of {self.v1 - self.v0} vertices; "
+            self.error += "allowed: continuous coordinates of degree 1 or 2"
+        self.x, self.tables = x.reshape(-1, width)[:, : max(self.dim, 2)], {}
+        self.degree = 2 if self.comm.allreduce(int(here.sum()) - (self.v1 - self.v0)) else 1
+        for size in np.unique(self.sizes[self.kept]) if self.error is None else ():
+            rows, (_, order) = self.kept[self.sizes[self.kept] == size], POLYTOPES[self.dim, int(size)]
+            nodes = self.cones[self.offsets[rows][:, None] + order]
+            self.tables[CELLS_OF[self.dim, int(size)]] = rows, nodes if self.degree == 1 else self._middles(rows, nodes)
+
+    def _middles(self, cells, nodes):
+        """Vertices (n, k) of cells of one kind, and the points whose coordinates are in the middle of them: PETSc has
+        the points around all cells of a kind in one order."""
+        kind, around = CELLS_OF[self.dim, nodes.shape[1]], [self.dm.getTransitiveClosure(self.c0 + c)[0] for c in cells]
+        first, place = nodes[0].tolist(), {}
+        for k, point in enumerate(around[0]):
+            if self.row[point] >= 0:
+                place[frozenset(first.index(v) for v in self._closure(point))] = k
+        entities = [*CELLS[kind].edges, *CELLS[kind].faces, range(len(first))][: n_nodes(kind, 2) - len(first)]
+        columns = [place.get(frozenset(entity)) for entity in entities]
+        if None in columns:
+            self.error = f"found a DMPlex without coordinates in the middle of an edge, a face or a {kind}; allowed: "
+            self.error += "degree 1 or 2 in all directions"
+            return nodes
+        return np.hstack([nodes, np.array(around)[:, columns]])
 
     def vertices(self, cell):
         """Vertices of a cell in the order of VTK, as points."""
@@ -401,16 +423,17 @@ class _Reader:
 
     def file(self, path):
         """Points, cells and groups of this rank."""
-        used = np.unique(self.cones[np.repeat(self.mine[self.c0 : self.c1], self.sizes)])
-        self.at = np.full(self.v1, -1, dtype=np.int64)
-        self.at[used] = np.arange(len(used))
-        file, place = FileMesh.of(self.x[used - self.v0]), np.full((len(self.sizes), 2), -1, dtype=np.int64)
-        file.tags, first = 1 + self.number[used], self.comm.exscan(len(self.kept)) or 0
+        tables = [nodes.ravel() for _, nodes in self.tables.values()]
+        points = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *tables]))
+        vertex = (points >= self.v0) & (points < self.v1)
+        used, points = points[vertex], np.concatenate([points[vertex], points[~vertex]])
+        self.at = np.full(len(self.row), -1, dtype=np.int64)
+        self.at[points] = np.arange(len(points))
+        file, place = FileMesh.of(self.x[self.row[points]]), np.full((len(self.sizes), 2), -1, dtype=np.int64)
+        file.tags[: len(used)], first = 1 + self.number[used], self.comm.exscan(len(self.kept)) or 0
         file.shared = None if self.comm.size == 1 else self.shared[used]
-        for size in np.unique(self.sizes[self.kept]):
-            rows, (_, order) = self.kept[self.sizes[self.kept] == size], POLYTOPES[self.dim, int(size)]
-            nodes = self.at[self.cones[self.offsets[rows][:, None] + order]]
-            place[rows, 0] = file.add_elements(path, MESHIO_NAMES[CELLS_OF[self.dim, int(size)], 1], self.dim, nodes)
+        for kind, (rows, nodes) in self.tables.items():
+            place[rows, 0] = file.add_elements(path, MESHIO_NAMES[kind, self.degree], self.dim, self.at[nodes])
             place[rows, 1] = np.arange(len(rows))
         for table in file.tables:
             table.tags += first
@@ -426,6 +449,10 @@ class _Reader:
                 # of facets between two ranks that of the owner, which has a cell there
                 rows = [self._closure(p) for p in (points[self.mine[points]] if below == 1 < self.depth else points)]
             self._add(path, file, name, rows)
+            if self.degree == 2 and facets is None and 1 < below == self.depth - 1:
+                # edges of a group in space, with their middles
+                middles = self.at[points[self.row[points] >= 0]]
+                file.point_groups[name] = np.union1d(file.point_groups.get(name, middles), middles[middles >= 0])
         return file
 
     def _add(self, path, file, name, rows):

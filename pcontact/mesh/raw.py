@@ -334,8 +334,9 @@ class FileMesh:
         (dimension, name) of the groups that the file names; some may be empty.
     lost : dict of str to str
         Groups that cannot be used, and why: see `RawMesh.lost`.
-    shared : ndarray, (n,) bool, optional
-        Where every rank has a part of a mesh, nodes that others may have, too, with the same numbers. All are vertices.
+    shared : ndarray, (n_vertices,) bool, optional
+        Where every rank has a part of a mesh, vertices that others may have, too, with the same numbers; they come
+        first.
     outer : set of str
         Groups of facets on the boundary of the part that are meant to be on that of the mesh.
     """

@@ -149,6 +149,25 @@ def test_the_mesh_of_a_plex_is_that_of_its_file(shared_tmp, cell, order, distrib
     assert nodes(found) == nodes(wanted)
 
 
+@parallel
+@pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron", "triangle", "tetrahedron"])
+def test_coordinates_of_degree_2(shared_tmp, cell):
+    """Nodes are those of the file; where PETSc has them once for each cell, it is told what is allowed."""
+    path = shared_tmp / "blocks.msh"
+    if WORLD.rank == 0:
+        blocks_file(path, cell, 3, 2, order=2)
+    WORLD.Barrier()
+    dm = of_gmsh(path)
+    if cell in ("triangle", "tetrahedron") and PETSc.Sys.getVersion() < (3, 20):
+        with pytest.raises(InputError, match="allowed: continuous coordinates of degree 1 or 2"):
+            mesh_from(dm)
+        return
+    wanted, found = (load_mesh(WORLD, one, None, ["lower", "upper"], [], lambda mesh: None)
+                     for one in (path, mesh_from(dm).file))  # fmt: skip
+    assert found.degree == 2 and found.curved and nodes(found) == nodes(wanted)
+    assert places(found, "upper_top") == places(wanted, "upper_top")
+
+
 def rounded(x):
     return [tuple(row) for row in np.round(x, 9).tolist()]
 
