@@ -57,8 +57,8 @@ class EnergyBalance:
 
     def __init__(self, problem, before=(), changing=False):
         self._problem, space = problem, problem.space
-        self._kinds = self._kinds_of(problem)
-        kinds = ["loads", "supports", "bodies", *dict.fromkeys(self._kinds)]
+        self._others = self._others_of(problem)
+        kinds = ["loads", "supports", "bodies", *dict.fromkeys(kind for *_, kind in self._others)]
         if any(pair.rigid for contact in problem.contacts for pair in contact.pairs):
             kinds.append("obstacles")
         for scene in before:
@@ -71,21 +71,21 @@ class EnergyBalance:
         kinds += ["gone"] if changing else []
         self.sums = {kind: Sum() for kind in dict.fromkeys(kinds)}
         # forces at the end of the last load step, with the sign of the residual: of loads, supports, bodies, items
-        names = ["loads", "supports", "bodies", *(f"item {k}" for k in range(len(problem.others)))]
+        names = ["loads", "supports", "bodies", *(name for name, *_ in self._others)]
         names += ["heat"] if "heat" in self.sums else []
         self._last = {name: np.zeros((space.n_owned, space.dim)) for name in names}
         self._record = None
 
     @staticmethod
-    def _kinds_of(problem):
-        """To which sum each item but the bodies contributes."""
+    def _others_of(problem):
+        """Items but the bodies: what their forces are called in checkpoints, they, and to which sums these add."""
         of_contacts = {id(pair): f"contact {contact.name}" for contact in problem.contacts for pair in contact.pairs}
         springs = {id(spring) for spring in problem.features.springs}
         result = []
-        for item in problem.others:
+        for k, item in enumerate(problem.others):
             kind = "springs" if id(item) in springs else "viscous" if item is problem.features.viscous else "loads"
             kind = "inertia" if item is problem.features.inertia else "snaps" if item is problem.features.snap else kind
-            result.append(of_contacts.get(id(item), kind))
+            result.append((f"item {k}", item, of_contacts.get(id(item), kind)))
         return result
 
     @property
@@ -119,8 +119,7 @@ class EnergyBalance:
             own[name] += sign * work(name, moved)
         if "heat" in own:
             own["heat"] -= 0.5 * float(np.sum((forces["heat"] - self._last["heat"]) * (values + start)))
-        for k, (item, kind) in enumerate(zip(problem.others, self._kinds, strict=True)):
-            name = f"item {k}"
+        for name, item, kind in self._others:
             if kind == "loads":
                 own[kind] -= work(name, moved)
                 continue
@@ -141,8 +140,7 @@ class EnergyBalance:
         """Those at ``u`` (n_owned, d), as of `_last`. *Collective.*"""
         problem = self._problem
         forces = {"loads": -problem.forces.external()}
-        names = ["bodies", *(f"item {k}" for k in range(len(problem.others)))]
-        for name, item in zip(names, problem.items, strict=True):
+        for name, item, _ in (("bodies", problem.bulk, ""), *self._others):
             with profile.phase("bulk_assembly" if item is problem.bulk else "contact_assembly"):
                 forces[name] = np.zeros_like(forces["loads"])
                 item.residual(u, forces[name])
@@ -173,24 +171,21 @@ class EnergyBalance:
             self.sums["gone"].carried += before[1] - kinetic
             self.sums["inertia"].carried -= before[1] - kinetic
 
-    def set_off(self, u, before, first):
+    def set_off(self, u, first):
         """Begin at ``u`` with inertia: what moves there, and what is strained at the beginning of a run (`first`), is
-        energy that nobody has supplied. Where bodies have moved with the kinetic energy `before`, supports have changed
-        that, by impulses. *Collective.*"""
-        kinetic = self._problem.features.inertia.kinetic() - (before or 0.0)
+        energy that nobody has supplied. *Collective.*"""
+        kinetic = self._problem.features.inertia.kinetic()
         self.sums["inertia"].carried += kinetic
-        if before is not None:
-            self.sums["supports"].carried += kinetic
-            self._inertia_changes(u)
-            return
         self.sums["initial"].carried += kinetic + (self._problem.bulk.energies(u)[0] if first else 0.0)
         self.begin(u)
 
-    def _inertia_changes(self, u):
-        """Only the forces of inertia are others than at the end of the last load step, and what bears them.
-        *Collective.*"""
-        inertia = self._problem.features.inertia
-        name, forces = f"item {self._problem.others.index(inertia)}", np.zeros_like(self._last["supports"])
+    def take_impulse(self, u, before):
+        """Supports have changed the kinetic energy from `before`, by impulses, at ``u``; only the forces of inertia are
+        others than at the end of the last load step, and what bears them. *Collective.*"""
+        inertia, forces = self._problem.features.inertia, np.zeros_like(self._last["supports"])
+        for kind in ("inertia", "supports"):
+            self.sums[kind].carried += inertia.kinetic() - before
+        name = next(name for name, item, _ in self._others if item is inertia)
         inertia.residual(u, forces)
         self._last["supports"] -= forces - self._last[name]
         self._last[name] = forces

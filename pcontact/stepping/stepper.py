@@ -162,8 +162,12 @@ class Stepper:
         if inertia is None:
             return
         fresh, kinetic = not inertia.begun, inertia.kinetic()
-        if inertia.start(self.problem, self.u, self.schedule.time, self.schedule.next()) and energy is not None:
-            energy.set_off(self.u, None if fresh else kinetic, self.number == 0)
+        if not inertia.start(self.problem, self.u, self.schedule.time, self.schedule.next()) or energy is None:
+            return
+        if fresh:
+            energy.set_off(self.u, self.number == 0)
+        else:
+            energy.take_impulse(self.u, kinetic)
 
     def run(self):
         """All load steps. *Collective.*

@@ -56,6 +56,9 @@ def run(scene, comm, directory, observers=(), restart=None):
     """Records of the report. Collective on `comm`."""
     if restart is not None:
         PETSc.Options().setValue("restart", str(restart))
+    if comm.size == 1:
+        # products on one rank have one order, and not the kinds of those on several, see `one_order`
+        PETSc.Options().delValue("matptap_via")
     simulation = Simulation(scene, comm)
     try:
         assert simulation.run(directory, observers)
