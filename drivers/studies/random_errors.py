@@ -51,7 +51,7 @@ UNKNOWNS, SECONDS = {2: 30_000, 3: 15_000}, 300.0
 GROWTHS, LEAST_STEPS, MOST, LONG = (0.7, 0.45, 0.3, 0.2, 0.13), 4, 60_000, 10.0
 # options of references
 EXACT = {"pc_type": "lu", "ksp_type": "preonly", "pc_factor_mat_solver_type": "mumps", "snes_rtol": 1e-9,
-         "contact_partner_rtol": 1e-6}  # fmt: skip
+         "contact_partner_rtol": 1e-4}  # fmt: skip
 # places that cells are graded to, at most
 PLACES = 16
 # points across a depth, of Gauss's quadrature on (0, 1)
