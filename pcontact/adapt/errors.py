@@ -221,10 +221,7 @@ class Measure:
         """Let the indicators have cells whose loads are integrated badly, by their share. *Collective.*"""
         if parts["loads"] <= THIRD * self._settings.goal:
             return
-        own = np.concatenate([np.zeros(0), *forces])
-        sums = comm.allreduce(np.array([own.sum(), watch.squares.sum()]), op=MPI.SUM)
-        ratio = (parts["loads"] / parts["mesh"]) ** 2 if parts["mesh"] > 0.0 else 1.0
-        watch.squares = watch.squares + ratio * (sums[1] or 1.0) / (sums[0] or 1.0) * own
+        _add(comm, watch, np.concatenate([np.zeros(0), *forces]), parts["loads"], parts["mesh"])
 
     def _add_facets(self, simulation, watch, parts):
         """Let the indicators have cells whose facets come nearer to the geometry when they are cut, by their share:
@@ -240,9 +237,7 @@ class Measure:
                 x = mesh.points[mesh.facet_nodes(some)[:, : CELLS[some.kind].n_vertices]]
                 size = np.linalg.norm(x - x[:, :1], axis=2).max(axis=1)
                 np.add.at(own, first[some.block] + some.cells, size ** ((4.0 if mesh.curved else 2.0) + mesh.dim))
-        sums = simulation.comm.allreduce(np.array([own.sum(), watch.squares.sum()]), op=MPI.SUM)
-        ratio = (large / parts["mesh"]) ** 2 if parts["mesh"] > 0.0 else 1.0
-        watch.squares = watch.squares + ratio * (sums[1] or 1.0) / (sums[0] or 1.0) * own
+        _add(simulation.comm, watch, own, large, parts["mesh"])
 
     def _quantity(self, found, likely, toward):
         """Value of a quantity, and what it is extrapolated to, with an uncertainty. `likely`: the error of the mesh as
@@ -254,3 +249,10 @@ class Measure:
         others = [abs(one.quantity["extrapolated"] - best) for one in self._passes[-2:-1]]
         unsure = max([0.5 * (abs(found.error) + abs(toward)), *others])
         return {"value": found.value, "error": found.error, "extrapolated": best, "uncertainty": unsure}
+
+
+def _add(comm, watch, own, part, mesh):
+    """Add to the squares of cells what they have in a part of the error beside that of the mesh. *Collective.*"""
+    sums = comm.allreduce(np.array([own.sum(), watch.squares.sum()]), op=MPI.SUM)
+    ratio = (part / mesh) ** 2 if mesh > 0.0 else 1.0
+    watch.squares = watch.squares + ratio * (sums[1] or 1.0) / (sums[0] or 1.0) * own

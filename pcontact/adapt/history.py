@@ -40,8 +40,8 @@ class Known(NamedTuple):
         return self._replace(fields=function(self.fields))
 
 
-class Path(Observer):
-    """Observer of one run: where the bodies were.
+class Watch(Observer):
+    """Observer of one run: what its load steps say.
 
     Parameters
     ----------
@@ -49,45 +49,9 @@ class Path(Observer):
 
     Attributes
     ----------
-    times : list of float
-        Ends of the load steps.
-    fields : list of ndarray (n_nodes, d)
-        Displacements then, at all nodes of the mesh of this rank [length]; where there is no room for all of them, of
-        every other load step, or fewer, but always the last.
-    alone : list of bool
-        See :class:`Known`.
-    """
-
-    def __init__(self, simulation):
-        self._simulation, self.times, self.fields, self._every = simulation, [], [], True
-        self.alone = []
-        # the same on every rank
-        space = simulation.problem.space
-        self._most = max(ROOM * space.comm.size // (8 * space.n_dofs), 1)
-
-    @property
-    def known(self):
-        """What there is to know for another run."""
-        return Known(self.times, self.fields, self._every, self.alone)
-
-    def step(self, step, u, record):
-        """Keep it. *Collective.*"""
-        begin = self._simulation.begin
-        own = self._simulation.scene.frictional and (begin is None or begin.alone(step.begin, step.time))
-        self.alone.append(own and step.newton <= 1)
-        self.times.append(step.time)
-        self.fields.append(at_nodes(self._simulation.problem.space, u))
-        if len(self.times) > self._most:
-            # counted from the end: what bodies do between two of them is a straight line for the next mesh
-            self.times, self.fields, self._every = self.times[::-2][::-1], self.fields[::-2][::-1], False
-            self.alone = self.alone[::-2][::-1]
-
-
-class Watch(Path):
-    """The same, and the estimates.
-
-    Attributes
-    ----------
+    times, fields, alone
+        As of :class:`Known`; where there is no room for all of them, of every other load step, or fewer, but always the
+        last.
     squares : ndarray (n_cells,)
         Largest squared estimates of the cells of this rank over the load steps, block after block [energy].
     energies : ndarray (n_cells,) or None
@@ -101,14 +65,29 @@ class Watch(Path):
     """
 
     def __init__(self, simulation):
-        super().__init__(simulation)
+        self._simulation, self.times, self.fields, self.alone, self._every = simulation, [], [], [], True
         self.squares, self.absolute, self.norm, self.algebraic = None, 0.0, 0.0, 0.0
         self.record, self.time, self.unbalanced, self.energies, self.pressure = None, 0.0, None, None, None
+        # the same on every rank
+        space = simulation.problem.space
+        self._most = max(ROOM * space.comm.size // (8 * space.n_dofs), 1)
+
+    @property
+    def known(self):
+        """What there is to know for another run."""
+        return Known(self.times, self.fields, self._every, self.alone)
 
     def step(self, step, u, record):
         """Take what the load step says. *Collective.*"""
-        super().step(step, u, record)
-        estimate = self._simulation.error_estimate
+        begin, estimate = self._simulation.begin, self._simulation.error_estimate
+        own = self._simulation.scene.frictional and (begin is None or begin.alone(step.begin, step.time))
+        self.alone.append(own and step.newton <= 1)
+        self.times.append(step.time)
+        self.fields.append(at_nodes(self._simulation.problem.space, u))
+        if len(self.times) > self._most:
+            # counted from the end: what bodies do between two of them is a straight line for the next mesh
+            self.times, self.fields, self._every = self.times[::-2][::-1], self.fields[::-2][::-1], False
+            self.alone = self.alone[::-2][::-1]
         self.record, self.time, self.unbalanced = record, step.time, step.unbalanced
         self.squares = estimate.squares
         self.absolute = max(self.absolute, estimate.over_steps)

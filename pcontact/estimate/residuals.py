@@ -391,7 +391,9 @@ class ContactResiduals:
         for pair, state, rest in zip(contact.pairs, contact.states(z), contact.states(zero), strict=True):
             normal, theta, gamma = state["normal"], pair.method.theta, pair.method.gamma
             alpha = pair.method.alpha
-            jump = np.where(state["paired"], rest["gap"] - state["gap"], 0.0)[:, None] * normal
+            # gaps of points without a partner are infinite
+            known = np.where(state["paired"], [rest["gap"], state["gap"]], 0.0)
+            jump = (known[0] - known[1])[:, None] * normal
             own = (state["normal_stress"] - rest["normal_stress"])[:, None] * normal
             if "slip" in state:
                 jump += _along(state["slip"] - rest["slip"], normal)

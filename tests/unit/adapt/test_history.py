@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pcontact.adapt.history import ROOM, Beginning, Known, Path
+from pcontact.adapt.history import ROOM, Beginning, Known, Watch
 
 
 def _begun(known, time=1.0):
@@ -45,6 +45,15 @@ def test_load_steps_that_need_no_beginning():
     assert not any(_begun(known._replace(alone=())).alone(0.0, end) for end in (0.5, 1.0, 3.5))
 
 
+def _watch(problem, begin, scene):
+    estimate = SimpleNamespace(squares=None, over_steps=0.0, last={"algebraic": 0.0, "energy_norm": 0.0})
+    return Watch(SimpleNamespace(problem=problem, begin=begin, scene=scene, error_estimate=estimate))
+
+
+def _step(number, newton):
+    return SimpleNamespace(begin=float(number), time=number + 1.0, newton=newton, unbalanced=None)
+
+
 def test_what_took_one_iteration():
     """From the end of the load step before, and not from what another mesh has said."""
     space = SimpleNamespace(comm=SimpleNamespace(size=1), n_dofs=4)
@@ -52,10 +61,10 @@ def test_what_took_one_iteration():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("pcontact.adapt.history.at_nodes", lambda space, u: u)
         for begin in (None, SimpleNamespace(alone=lambda begin, end: begin < 1.0)):
-            path = Path(SimpleNamespace(problem=problem, begin=begin, scene=scene))
+            watch = _watch(problem, begin, scene)
             for number, newton in enumerate((1, 0, 1, 2)):
-                path.step(SimpleNamespace(begin=float(number), time=number + 1.0, newton=newton), number, {})
-            taken[begin is None] = path.known.alone
+                watch.step(_step(number, newton), number, {})
+            taken[begin is None] = watch.known.alone
     assert taken == {True: [True, True, True, False], False: [True, False, False, False]}
 
 
@@ -65,9 +74,9 @@ def test_load_steps_that_there_is_room_for(unknowns, steps, kept, monkeypatch):
     monkeypatch.setattr("pcontact.adapt.history.at_nodes", lambda space, u: u)
     space = SimpleNamespace(comm=SimpleNamespace(size=1), n_dofs=unknowns)
     scene = SimpleNamespace(frictional=True)
-    path = Path(SimpleNamespace(problem=SimpleNamespace(space=space), begin=None, scene=scene))
+    watch = _watch(SimpleNamespace(space=space), None, scene)
     for number in range(1, steps + 1):
-        path.step(SimpleNamespace(begin=number - 1.0, time=float(number), newton=2), number, {})
-    assert len(path.known.times) == len(path.known.fields) == len(path.known.alone) == kept
-    assert path.known.every == (kept == steps)
-    assert path.known.times[-1] == path.known.fields[-1] == steps
+        watch.step(_step(number - 1, 2), number, {})
+    assert len(watch.known.times) == len(watch.known.fields) == len(watch.known.alone) == kept
+    assert watch.known.every == (kept == steps)
+    assert watch.known.times[-1] == watch.known.fields[-1] == steps
