@@ -470,6 +470,20 @@ def closing_motion(pair, u, values, time):
     Each side has moved by so much against the mean motion of the other body: bodies that move as one are not pressed,
     and those whose surfaces move as one have each been pressed by what lies behind them. *Collective.*
     """
+    here, there, mean, back = _motions(pair, u, values, time)
+    return np.array([here - back, mean - there])
+
+
+def compression(pair, u, values, time):
+    """The same (2, np) against the mean motion of the side's own body: without the ways before bodies have touched.
+    *Collective.*"""
+    here, there, mean, back = _motions(pair, u, values, time)
+    return np.array([there - back, mean - here])
+
+
+def _motions(pair, u, values, time):
+    """Motions (4, np) along the normals of the points and their partners, and the mean ones of their bodies, from
+    source to target [length]. *Collective.*"""
     p, space, source, n_bodies = pair.pairing, pair.space, pair.source, pair.space.mesh.n_components
     own, other = components_of(space, p, source)
     moved, where = u.getArray(readonly=True).reshape(-1, space.dim), space.component[space.owned_local]
@@ -482,7 +496,7 @@ def closing_motion(pair, u, values, time):
         there = back = np.broadcast_to(pair.search.among.moved(source.x - origin, 0.0, time, origin), here.shape)
     else:
         there, back = np.einsum("pm,pmd->pd", p.target_shape, values[p.targets]), mean[other]
-    return np.array([np.einsum("pd,pd->p", way, p.normal) for way in (here - back, mean[own] - there)])
+    return np.array([np.einsum("pd,pd->p", way, p.normal) for way in (here, there, mean[own], back)])
 
 
 def clearance(pair, u, fields, beyond):

@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from pcontact.contact.active_set import DEEPER
+from pcontact.contact.active_set import DEEPER, compression
 from pcontact.contact.formulation.methods import WEIGHT, is_unbiased
 from pcontact.contact.law import OPEN, SLIP, STICK
 from pcontact.contact.search.partners import find_partners
@@ -19,6 +19,10 @@ from pcontact.space.supports import moments
 # [-] So many times as deep as the deepest point a node has to be. From: chosen; what points have, too, is the
 # formulation's.
 HIDDEN = 1.25
+# [-] What a node is deeper than the points, over the compression of the bodies behind them, from which on forces are
+# wrong. From: 80 blocks drawn at random on wider ones; beyond it are nine, with forces 1 to 9 % off, 5 % at the median,
+# below 0.5 % at the median and 5 % at most too soft.
+SUNK = 0.1
 
 
 class NodeDepths:
@@ -39,10 +43,18 @@ class NodeDepths:
         size = pair.space.comm.allreduce(np.array([pair.source.size.sum(), len(pair.source.size)]), op=MPI.SUM)
         self._size = size[0] / max(size[1], 1.0)
 
-    def sinks(self, depth, points):
-        """Return whether a node of the target is so deep [length] that the points, as deep as `points`, do not see
-        it."""
-        return depth > max(DEEPER * self._size, HIDDEN * points)
+    def sinks(self, u, depth, points):
+        """Return whether a node of the target is so deep [length] that the points, as deep as `points`, do not see it,
+        and that it matters beside what the bodies are compressed. *Collective.*"""
+        if depth <= HIDDEN * points:
+            return False
+        pair, values = self._pair, self._pair.pairing.exchange.gather(u)
+        force = pair.source.jxw * np.linalg.norm(pair.forces(u)[0], axis=1)
+        sums = np.array([force.sum(), *compression(pair, u, values, pair.history.time) @ force])
+        total, *ways = pair.space.comm.allreduce(sums, op=MPI.SUM)
+        if total == 0.0:
+            return depth > DEEPER * self._size
+        return bool((depth - points) * total > SUNK * np.abs(ways).sum())
 
     def of_source(self, u):
         """Depth of the deepest node of the source in the target [length], and its reference position (d,); 0 where none
@@ -399,7 +411,7 @@ class ContactReport:
         if self._node_depths is not None:
             depths = self._node_depths.of_source(u), self._node_depths.of_target(u)
             summary["target_penetration"] = depths[1][0]
-            self.sinks = self._node_depths.sinks(depths[1][0], summary["max_penetration"])
+            self.sinks = self._node_depths.sinks(u, depths[1][0], summary["max_penetration"])
             depth, where = max(depths, key=lambda entry: entry[0])
             if depth > summary["max_penetration"]:
                 summary |= {"max_penetration": depth, "deepest": where.tolist()}

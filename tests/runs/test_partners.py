@@ -5,7 +5,8 @@ import pytest
 
 import pcontact as pc
 from drivers.studies._robust_scenes import reversal
-from pcontact.scene.model import Body, Contact, Displacement, Material, Output, Scene, Steps
+from meshes import two_blocks
+from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Output, Scene, Steps
 
 RIGID = 1e7
 
@@ -167,6 +168,21 @@ def test_a_corner_of_the_target_counts_as_penetration(source, target):
         assert contact["max_penetration"] > 0.05 and sinks and "unbiased = true" in sinks[0]
     else:
         assert contact["max_penetration"] < 0.1 and not sinks
+
+
+@pytest.mark.parametrize("exchanged", [False, True])
+def test_a_tool_that_is_narrower_than_a_facet_of_the_source(tmp_path, exchanged):
+    """It sinks in by a part of what it compresses, though not of a facet."""
+    path = two_blocks(tmp_path / "b.msh", 3, 3, 2, widths=(1.0, 0.3), heights=(1.0, 0.3))
+    names = ("upper_bottom", "lower_top")[:: 1 if exchanged else -1]
+    steps, warnings = solved(scene(
+        MeshSpec(path), Contact(*names, name="c"),
+        [("lower_bottom", [0.0] * 3), ("upper_top", [0.0, 0.0, -0.01])],
+        bodies=[Body("lower", "m"), Body("upper", "hard")],
+    ))  # fmt: skip
+    contact = steps[-1]["contacts"]["c"]
+    assert contact["max_penetration"] < 0.1 / 3.0
+    assert any("a corner of upper_bottom" in line for line in warnings) == (not exchanged)
 
 
 def test_elastic_bodies_that_go_on_as_they_did_begin_there(tmp_path):
