@@ -11,6 +11,9 @@ from pcontact.runtime.petsc import PETSc, has_package, option_used, unknown_opti
 from pcontact.runtime.rules import PETSC_VALUE, apply
 
 UNSAID = object()
+# what PETSc asks for when the process ends
+AT_END = ("options_view", "citations", "memory_view", "get_total_flops", "mpidump", "malloc_dump", "malloc_view",
+          "objects_dump", "log_all")  # fmt: skip
 # PETSc's error codes: arguments that are wrong or out of range, names that are not known, missing factorisations
 OPTION_FAULTS = (62, 63, 86, 92)
 # its code for all that a user may have done wrong: of an option where it says so, and of limits of its own
@@ -248,7 +251,7 @@ class Options:
         list of str
         """
         names = [name.lstrip("-") for name in self._db.getAll()]
-        for name in COMMAND_LINE:
+        for name in (*COMMAND_LINE, *AT_END):
             # whoever asks for it takes it from the list of -options_left
             self._db.hasName(name)
         return [name for name in names if name not in ours and not option_used(name)]

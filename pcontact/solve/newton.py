@@ -614,7 +614,9 @@ class Newton:
     def _renew_preconditioner(self):
         """A load step is solved alike whatever came before it, as in a restarted run; a reset GAMG remembers."""
         ksp, prefix = self.snes.getKSP(), self.snes.getOptionsPrefix()
-        ksp.reset()
+        if not any(name.startswith("ksp_view") for name in PETSc.Options(prefix).getAll()):
+            # PETSc 3.18 forgets its viewers, too
+            ksp.reset()
         if self._filter is not None:
             self._filter.attach(ksp, prefix)
         else:

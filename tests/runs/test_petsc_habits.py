@@ -1,5 +1,6 @@
 """What those who know PETSc try first: each row of the table in docs/petsc.md."""
 
+import h5py
 import numpy as np
 import pytest
 
@@ -57,11 +58,11 @@ def test_krylov(blocks, krylov):
 
 
 @parallel
-@pytest.mark.parametrize("option", ["snes_fd_color", "snes_fd", "snes_mf_operator"])
+@pytest.mark.parametrize("option", ["snes_fd_color", "snes_fd", "snes_mf_operator", "snes_mf"])
 def test_differences_of_the_residual(blocks, option):
     """In the place of the tangent, or of its products, they lead to the same solution."""
     reference, _ = solved(pressed(blocks))
-    found, _ = solved(pressed(blocks, **{option: True}))
+    found, _ = solved(pressed(blocks, **{option: True}, **({"pc_type": "none"} if option == "snes_mf" else {})))
     assert WORLD.allreduce(float(np.abs(found - reference).max(initial=0.0)), op=MPI.MAX) < 1e-9
 
 
@@ -116,6 +117,21 @@ def test_they_are_named_once(tmp_path):
     assert done.returncode == 0, done.stderr
     lines = [line for line in (done.stdout + done.stderr).splitlines() if "snes_rtoll" in line]
     assert len(lines) == 1 and "the nearest is -snes_rtol" in lines[0]
+
+
+def test_views(tmp_path):
+    """They show every linear solve of all load steps; what PETSc prints at the end is no word that nobody asked for."""
+    words = ("run", "SCENE", "-o", "out", "-ksp_view", "ascii:ksp.txt", "-ksp_view_solution", "hdf5:u.h5", "-version",
+             "-options_view", "-steps_count", "2")  # fmt: skip
+    folder = tmp_path / "case"
+    done = execute(folder, lay_out(folder, Case([], words=words)))
+    assert done.returncode == 0, done.stderr
+    text = done.stdout + done.stderr
+    assert "Option Table entries" in text and "Release Version" in text and "was not used" not in text
+    assert "type: gamg" in (folder / "ksp.txt").read_text()
+    with h5py.File(folder / "u.h5") as file:
+        (values,) = file.values()
+        assert np.abs(values[...]).max() > 0.0
 
 
 def test_options_left(tmp_path):
