@@ -30,7 +30,7 @@ SCENES = (
 )  # fmt: skip
 MODULES = ("solve.convergence", "solve.newton", "solve.preconditioners", "solve.problem", "stepping.load_step",
            "stepping.loose", "stepping.record", "stepping.schedule", "stepping.stepper", "contact.active_set",
-           "contact.finite_pair", "contact.pair", "contact.formulation.methods", "contact.formulation.finite",
+           "contact.finite_pair", "contact.pair", "contact.formulation.finite",
            "contact.formulation.methods")  # fmt: skip
 # words, the largest number, and what acts only where a message is written
 NO_NUMBERS = {"ANY", "ROUNDOFF", "FAILED", "ASKED", "NAMED"}
