@@ -751,11 +751,11 @@ class Coupling:
     name: str | None = key(TEXT, "its name in report and history, unique", default=None, otherwise="that of the group")
     mass: float = key(
         NON_NEGATIVE, "with `[dynamics]`: of the point, beside that of its cells", default=0.0, kw_only=True,
-        unit="mass", more="no load per mass acts on it", requires=("[dynamics] | [[phases]]",), unless=OF_RIGID,
+        unit="mass", more="no load per mass acts on it", requires=("[dynamics]",), unless=OF_RIGID,
     )  # fmt: skip
     inertia: float | Sequence[float] = key(
         INERTIA, "with `[dynamics]`: moment of inertia about the point, beside that of its cells", default=0.0,
-        kw_only=True, unit="mass length^2", requires=("[dynamics] | [[phases]]",), unless={**OF_RIGID, **NO_TURN},
+        kw_only=True, unit="mass length^2", requires=("[dynamics]",), unless={**OF_RIGID, **NO_TURN},
     )  # fmt: skip
     average: bool = key(
         BOOLEAN, "the group moves so on average alone, and is free to deform", default=False, more="see below"

@@ -105,6 +105,8 @@ def scene_of(scene: Scene, number: int) -> Scene:
     # bodies keep their numbers
     lists["bodies"] = [_body(scene, one, number) for one in scene.bodies]
     lists["dynamics"] = replace(scene.dynamics, phases=None) if moves(scene, number) else None
+    if lists["dynamics"] is None:
+        lists["couplings"] = [replace(one, mass=0.0, inertia=0.0) for one in lists["couplings"]]
     count, span, steps = phase.count or scene.steps.count, every[number], scene.steps
     longest = None
     if steps.control == "auto":

@@ -589,12 +589,7 @@ class Newton:
                         part.forget_pattern()
         keep = False
         if self._reuse is not None:
-            resists = 0.0
-            if self.lasting:
-                ones, sums = self.problem.matrix.matrix.createVecs()
-                ones.set(1.0)
-                self.problem.matrix.matrix.mult(ones, sums)
-                resists = sums.sum()
+            resists = self.problem.matrix.matrix.getRowSum().sum() if self.lasting else 0.0
             keep = self._reuse.keep(snes.getKSP(), self.problem.active.closed_area(), resists)
             if self._filter is None:
                 keep_preconditioner(snes, keep)

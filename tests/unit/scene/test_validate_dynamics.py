@@ -50,6 +50,14 @@ def test_it_says_what_is_wrong(tmp_path, more, message):
         scene(tmp_path, **more)
 
 
+def test_what_has_no_mesh_has_mass_in_phases_with_inertia(tmp_path):
+    group = {"region": "a", "mass": 1.0, "inertia": 2.0}
+    phases = [{"name": "first"}, {"name": "two"}]
+    whole = scene(tmp_path, couplings=[group], phases=phases, dynamics={"phases": ["two"]})
+    parts = [scene_of(whole, number).couplings[0] for number in range(2)]
+    assert [(one.mass, one.inertia) for one in parts] == [(0.0, 0.0), (1.0, 2.0)]
+
+
 @pytest.mark.parametrize("key", ["initial_velocity", "mass_damping"])
 def test_bodies_do_not_move_without_inertia(tmp_path, key):
     whole = scene(tmp_path)
