@@ -18,7 +18,6 @@ from pcontact.mesh.partition import WEIGHT, by_bisection, contact_facets
 from pcontact.mesh.read import read_mesh
 from pcontact.mesh.slices import Corners, whole
 from pcontact.mesh.topology import components
-from pcontact.runtime.parallel import Exchanger
 from pcontact.runtime.petsc import MPI
 
 # mesh, its arguments (small, large), and the contact pairs
@@ -60,12 +59,12 @@ def _nodes_of_parts(piece, parts):
 
 def compare(name, path, pairs, counts):
     """Rows of one scene. Not collective."""
-    piece, exchanger = _piece(path), Exchanger(MPI.COMM_SELF)
-    facets = contact_facets(piece, Corners(piece, exchanger), pairs)
+    piece = _piece(path)
+    facets = contact_facets(piece, Corners(piece), pairs)
     weights = np.round(1.0 + WEIGHT * facets).astype(np.int64)
     ways = {
-        BISECTION[0]: lambda count: by_bisection(exchanger, piece, pairs, WEIGHT, count),
-        BISECTION[1]: lambda count: by_bisection(exchanger, piece, pairs, 0.0, count),
+        BISECTION[0]: lambda count: by_bisection(piece, pairs, WEIGHT, count),
+        BISECTION[1]: lambda count: by_bisection(piece, pairs, 0.0, count),
         GRAPH[0]: lambda count: graph_parts(piece, count),
         GRAPH[1]: lambda count: graph_parts(piece, count, weights),
     }
@@ -77,7 +76,6 @@ def compare(name, path, pairs, counts):
             seconds = clock.perf_counter() - start
             said = {"scene": name, "cells of all": len(piece.ids), "parts": count, "by": way}
             rows.append(said | _figures(piece, facets, parts, count) | {"seconds": seconds})
-    exchanger.free()
     return rows
 
 

@@ -84,17 +84,17 @@ def _own_facets(exchanger, piece, ranks):
     return table[np.lexsort(table.T)]
 
 
-def _own_nodes(exchanger, piece, tables):
+def _own_nodes(piece, tables):
     """Nodes of this rank's cells: places, coordinates, numbers, columns of groups and of values. *Collective.*"""
     nodes = nodes_of(tables, piece.n_nodes_total)
-    points = fetch(exchanger, piece.point_starts, piece.points, nodes)
+    points = fetch(piece.comm, piece.point_starts, piece.points, nodes)
     if not piece.node_groups and piece.node_ids is None and piece.node_values is None:
         return nodes, points, nodes, np.zeros((len(nodes), 0), dtype=np.int64), None
     first = piece.point_starts[piece.comm.rank]
     ids = piece.node_ids if piece.node_ids is not None else first + np.arange(len(piece.points))
     groups = bits(piece.node_groups, len(piece.points))
     columns = [ids, groups] if piece.node_values is None else [ids, groups, piece.node_values]
-    known = fetch(exchanger, piece.point_starts, np.column_stack(columns), nodes)
+    known = fetch(piece.comm, piece.point_starts, np.column_stack(columns), nodes)
     end = 1 + groups.shape[1]
     values = None if piece.node_values is None else known[:, end:]
     return nodes, points, np.ascontiguousarray(known[:, 0]), known[:, 1:end], values
@@ -172,7 +172,7 @@ def deal(piece, pairs=(), weight=WEIGHT, method="bisection"):
     Mesh
     """
     exchanger = Exchanger(piece.comm)
-    ranks = partition(exchanger, piece, pairs, weight, method)
+    ranks = partition(piece, pairs, weight, method)
     facets = _own_facets(exchanger, piece, ranks)
     cells, n_bits, n_values = _own_cells(exchanger, piece, ranks)
     head = {
@@ -181,7 +181,7 @@ def deal(piece, pairs=(), weight=WEIGHT, method="bisection"):
         "n_components": piece.n_components,
     }  # fmt: skip
     tables = [rows[:, 2 + n_bits + n_values :] for rows in cells.values()]
-    nodes, points, ids, node_bits, values = _own_nodes(exchanger, piece, tables)
+    nodes, points, ids, node_bits, values = _own_nodes(piece, tables)
     exchanger.free()
     piece.points = piece.points[:0]
     tables = list(places(nodes, tables, piece.n_nodes_total))

@@ -277,9 +277,9 @@ class CellDistances:
         return np.column_stack(levels)
 
 
-def _by_graph(exchanger, piece):
+def _by_graph(piece):
     """Rank of every cell of the slice, by the PetscPartitioner of a DMPlex of the slices. *Collective.*"""
-    comm, corners = piece.comm, Corners(piece, exchanger)
+    comm, corners = piece.comm, Corners(piece)
     sf = owners(comm, corners.nodes, piece.n_nodes_total, len(piece.ids))
     cells = [(block.cell, table) for block, table in zip(piece.blocks, corners.tables, strict=True)]
     dm = plex(comm, piece.dim, cells, corners.points, sf)
@@ -314,12 +314,11 @@ def _add_depths(piece, corners):
     corners.extend(np.column_stack([levels, depths.radii(corners.points, corners.centres, box)]))
 
 
-def partition(exchanger, piece, pairs=(), weight=WEIGHT, method="bisection"):
+def partition(piece, pairs=(), weight=WEIGHT, method="bisection"):
     """Rank of every cell of a slice. *Collective.*
 
     Parameters
     ----------
-    exchanger : pcontact.runtime.parallel.Exchanger
     piece : pcontact.mesh.slices.MeshSlice
     pairs : list of (str, str or None, float or None)
         Contact pairs, see :func:`pcontact.mesh.partition.contact_facets`.
@@ -342,13 +341,13 @@ def partition(exchanger, piece, pairs=(), weight=WEIGHT, method="bisection"):
         return np.zeros(len(piece.ids), dtype=np.int64)
     known = any(has_package(name) for name in PETSC_GRAPHS) or PETSc.Options().hasName("petscpartitioner_type")
     if method == "graph" and known:
-        return _by_graph(exchanger, piece)
-    return by_bisection(exchanger, piece, pairs, weight, comm.size)
+        return _by_graph(piece)
+    return by_bisection(piece, pairs, weight, comm.size)
 
 
-def by_bisection(exchanger, piece, pairs, weight, count):
+def by_bisection(piece, pairs, weight, count):
     """Part, 0 to ``count`` - 1, of every cell of a slice; see :func:`partition`. *Collective.*"""
-    corners = Corners(piece, exchanger)
+    corners = Corners(piece)
     facets = np.zeros(len(piece.ids), dtype=np.int64)
     if weight > 0.0 and pairs:
         facets = contact_facets(piece, corners, pairs)

@@ -98,12 +98,13 @@ def leaves(sf):
     return np.arange(len(remote)) if local is None else np.asarray(local)
 
 
-def told(sf, values):
-    """Values (n,) or (n, k) of points, where other ranks own them those of their owners. *Collective.*"""
+def told(sf, values, result=None):
+    """Values (n,) or (n, k) of points, where other ranks own them those of their owners; written to the result (m,) or
+    (m, k), if leaves are not among the points. *Collective.*"""
     if sf is None:
         return values
     values = np.ascontiguousarray(values)
-    result, width = values.copy(), int(np.prod(values.shape[1:], dtype=np.int64))
+    result, width = values.copy() if result is None else result, int(np.prod(values.shape[1:], dtype=np.int64))
     unit = _UNITS[values.dtype.char].Create_contiguous(width).Commit()
     sf.bcastBegin(unit, values, result, MPI.REPLACE)
     sf.bcastEnd(unit, values, result, MPI.REPLACE)

@@ -6,10 +6,11 @@ from pathlib import Path
 import numpy as np
 
 from pcontact.element.reference import CELLS, facet_kinds, facet_nodes
+from pcontact.mesh.plex import told
 from pcontact.mesh.raw import Block, RawMesh
 from pcontact.runtime.jit import njit, njit_exact
 from pcontact.runtime.parallel import split_by_rank
-from pcontact.runtime.petsc import MPI
+from pcontact.runtime.petsc import MPI, PETSc
 
 # groups per column of bits
 COLUMN = 62
@@ -200,12 +201,12 @@ def places(nodes, tables, n_total):
     return [number[table] for table in tables]
 
 
-def fetch(exchanger, starts, values, nodes):
+def fetch(comm, starts, values, nodes):
     """Values of nodes, from the ranks that have them. *Collective.*
 
     Parameters
     ----------
-    exchanger : pcontact.runtime.parallel.Exchanger
+    comm : MPI.Comm
     starts : ndarray (size + 1,)
         See `MeshSlice.point_starts`.
     values : ndarray (n_points, k)
@@ -217,11 +218,15 @@ def fetch(exchanger, starts, values, nodes):
     -------
     ndarray (n, k)
     """
-    rank, size = exchanger.comm.rank, exchanger.comm.size
-    if size == 1:
+    if comm.size == 1:
         return values if len(nodes) == len(values) else values[nodes]
-    homes = np.searchsorted(starts, nodes, side="right") - 1
-    return exchanger.ask(homes, nodes[:, None], lambda rows: values[rows[:, 0] - starts[rank]])
+    sf, remote = PETSc.SF().create(comm=comm), np.empty((len(nodes), 2), dtype=PETSc.IntType)
+    remote[:, 0] = np.searchsorted(starts, nodes, side="right") - 1
+    remote[:, 1] = nodes - starts[remote[:, 0]]
+    sf.setGraph(len(values), None, remote)
+    found = told(sf, values, np.empty((len(nodes), values.shape[1]), dtype=values.dtype))
+    sf.destroy()
+    return found
 
 
 class Corners:
@@ -239,10 +244,10 @@ class Corners:
         Vertices of the cells of every block, by their positions in ``nodes``.
     """
 
-    def __init__(self, piece, exchanger):
+    def __init__(self, piece):
         tables = [b.nodes[:, : CELLS[b.cell].n_vertices] for b in piece.blocks]
         self.nodes = nodes_of(tables, piece.n_nodes_total)
-        self.points = fetch(exchanger, piece.point_starts, piece.points, self.nodes)
+        self.points = fetch(piece.comm, piece.point_starts, piece.points, self.nodes)
         self.tables = places(self.nodes, tables, piece.n_nodes_total)
         self._starts, self._cells, self._dim = piece.starts, piece.blocks, piece.dim
         self._average()

@@ -11,7 +11,6 @@ from pcontact.mesh.partition import by_bisection, contact_facets, partition
 from pcontact.mesh.read import read_mesh
 from pcontact.mesh.slices import Corners, whole
 from pcontact.mesh.topology import components
-from pcontact.runtime.parallel import Exchanger
 from pcontact.runtime.petsc import MPI
 from tests.support.small import blocks_file, make_space
 
@@ -160,8 +159,8 @@ def test_every_cell_has_one_rank(shared_tmp, cell, method):
     path = shared_tmp / "blocks.msh"
     if WORLD.rank == 0:
         blocks_file(path, cell, 6, 5)
-    piece, exchanger = slice_of(path), Exchanger(WORLD)
-    ranks = partition(exchanger, piece, PAIRS, method=method)
+    piece = slice_of(path)
+    ranks = partition(piece, PAIRS, method=method)
     assert len(ranks) == len(piece.ids)
     if WORLD.rank == 0:
         n = len(ranks)
@@ -169,7 +168,7 @@ def test_every_cell_has_one_rank(shared_tmp, cell, method):
         assert len(sizes) == WORLD.size
         assert sizes.min() > 0.7 * n / WORLD.size and sizes.max() < 1.3 * n / WORLD.size
     for _ in range(2):
-        again = partition(exchanger, piece, PAIRS, method=method)
+        again = partition(piece, PAIRS, method=method)
         if method == "bisection":
             np.testing.assert_array_equal(again, ranks)
 
@@ -181,7 +180,7 @@ def test_contact_facets(shared_tmp):
     if WORLD.rank == 0:
         two_blocks(path, 2, 8, 10, heights=(1.0, 1.0))
     piece = slice_of(path)
-    corners = Corners(piece, Exchanger(WORLD))
+    corners = Corners(piece)
 
     def count(*pair):
         return WORLD.allreduce(int(contact_facets(piece, corners, [pair]).sum()))
@@ -214,8 +213,8 @@ def test_weight_zero_leaves_contact_alone(shared_tmp):
     path = shared_tmp / "blocks.msh"
     if WORLD.rank == 0:
         two_blocks(path, 2, 12, 12, heights=(1.0, 1.0))
-    piece, exchanger = slice_of(path), Exchanger(WORLD)
-    np.testing.assert_array_equal(partition(exchanger, piece, PAIRS, 0.0), partition(exchanger, piece, ()))
+    piece = slice_of(path)
+    np.testing.assert_array_equal(partition(piece, PAIRS, 0.0), partition(piece, ()))
 
 
 @pytest.mark.parallel
@@ -241,7 +240,7 @@ def test_a_coil_is_cut_across(shared_tmp, count):
     if WORLD.rank == 0:
         spring(path)
     piece = slice_of(path)
-    part = by_bisection(Exchanger(WORLD), piece, (), 0.0, count)
+    part = by_bisection(piece, (), 0.0, count)
     if WORLD.rank == 0:
         sizes = np.bincount(part, minlength=count)
         assert sizes.max() < 1.1 * sizes.mean()
