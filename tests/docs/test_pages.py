@@ -100,8 +100,8 @@ KINDS = re.compile(r"^```(\w+)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 CODE = re.compile(r"(?<!`)`([^`\n]+)`(?!`)")
 OPTION = re.compile(r"(?<![\w-])-([a-z]\w*)")
 # options of PETSc begin so
-PETSC = ("snes_", "ksp_", "pc_", "mat_", "vec_", "mg_levels_", "mg_coarse_", "log_view", "version", "matptap_", "contact_filter_",
-         "rigid_bodies_", "petscpartitioner_type", "dm_", "help", "options_", "info")  # fmt: skip
+PETSC = ("snes_", "ksp_", "pc_", "mat_", "vec_", "mg_levels_", "mg_coarse_", "log_view", "matptap_", "contact_filter_",
+         "rigid_bodies_", "petscpartitioner_type", "dm_", "help", "version", "options_", "info")  # fmt: skip
 ALL_OPTIONS = {"o", "json", "set", "count", *{option.name for options in run_options().values() for option in options},
                *{name for one in COMMANDS.values() for name in one.options or {}}}  # fmt: skip
 

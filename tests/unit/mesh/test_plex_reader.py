@@ -150,6 +150,23 @@ def test_the_mesh_of_a_plex_is_that_of_its_file(shared_tmp, cell, order, distrib
 
 
 @parallel
+@pytest.mark.parametrize("order", [1, 2])
+def test_groups_of_edges(order):
+    """They have the nodes of their edges, middles too, on whatever rank the edges are; others may have their ends."""
+    dm = box(3, True, True)
+    dm.createLabel("rim")
+    v0, v1 = dm.getDepthStratum(0)
+    x = dm.getCoordinatesLocal().getArray(readonly=True).reshape(-1, 3)
+    for edge in range(*dm.getDepthStratum(1)):
+        if np.all(x[dm.getCone(edge) - v0][:, [0, 2]] == 0.0):
+            dm.setLabelValue("rim", edge, 1)
+    mesh = load_mesh(WORLD, mesh_from(dm).file, order, ["volume_7", "volume_8"], [], lambda mesh: None)
+    there = np.flatnonzero(np.all(mesh.points[:, [0, 2]] == 0.0, axis=1))
+    np.testing.assert_array_equal(np.sort(mesh.node_groups["rim"]), there)
+    assert len(set().union(*WORLD.allgather(set(mesh.file_nodes[there].tolist())))) == (4 if order == 1 else 7)
+
+
+@parallel
 @pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron", "triangle", "tetrahedron"])
 def test_coordinates_of_degree_2(shared_tmp, cell):
     """Nodes are those of the file; where PETSc has them once for each cell, it is told what is allowed."""
@@ -162,10 +179,20 @@ def test_coordinates_of_degree_2(shared_tmp, cell):
         with pytest.raises(InputError, match="allowed: continuous coordinates of degree 1 or 2"):
             mesh_from(dm)
         return
+    if cell == "hexahedron":
+        dm.createLabel("rim")
+        section, x = dm.getCoordinateSection(), dm.getCoordinatesLocal().getArray(readonly=True)
+        for edge in range(*dm.getDepthStratum(1)):
+            if all(np.all(x[section.getOffset(int(v)) :][:2] == 0.0) for v in dm.getCone(edge)):
+                dm.setLabelValue("rim", edge, 1)
     wanted, found = (load_mesh(WORLD, one, None, ["lower", "upper"], [], lambda mesh: None)
                      for one in (path, mesh_from(dm).file))  # fmt: skip
     assert found.degree == 2 and found.curved and nodes(found) == nodes(wanted)
     assert places(found, "upper_top") == places(wanted, "upper_top")
+    if cell == "hexahedron":
+        there = np.flatnonzero(np.all(found.points[:, :2] == 0.0, axis=1))
+        np.testing.assert_array_equal(np.sort(found.node_groups["rim"]), there)
+        assert WORLD.allreduce(len(there)) >= 12
 
 
 def rounded(x):
