@@ -2,9 +2,9 @@
 
 Load steps, searches within them, quadrature of contacts and, where the geometry is known, facets are refined together,
 beside the run without; the difference is the part of the error that is not of the mesh. Where it is more than a third
-of the target each setting is tried alone. It is measured on the first mesh after which the next one may be the last,
-and again as long as it is large: nothing follows it from one mesh to another but the law that errors of load steps fall
-with their number.
+of the target each setting is tried alone, load steps first: where these leave little of it to others, no more are. It
+is measured on the first mesh after which the next one may be the last, and again as long as it is large: nothing
+follows it from one mesh to another but the law that errors of load steps fall with their number.
 
 Facets of the first mesh, which finer ones keep, are a part of their own: it is measured once, on that mesh. Where they
 are straight, on the outer surface of all bodies. Nodes of finer meshes lie on the facets of the first one: what these
@@ -438,23 +438,26 @@ class Secondary:
             if found is not None and names == tuple(variants):
                 self._finer = other, found
             moved = change_to(simulation, found, self._target, watch.record) / size
-            if "load_steps" not in names or found is None:
-                return moved
             # of errors that fall with the number of load steps, what the pass has left
-            times = found.number / simulation.stepper.number
-            return moved / (1.0 - times**-STEPS_RATE) if times > 1.0 else moved
+            times = found.number / simulation.stepper.number if "load_steps" in names and found is not None else 1.0
+            return moved / (1.0 - times**-STEPS_RATE) if times > 1.0 else moved, found
 
-        moved = change(*variants)
+        moved, finest = change(*variants)
         if np.isfinite(moved) and (last or len(variants) == 1 or abs(moved) <= THIRD * self._settings.goal):
             name = ALL if len(variants) > 1 else next(iter(variants))
             return Told({name: abs(moved)}, moved, done.steps)
         parts, toward = {}, 0.0
         for name in variants:
-            alone = change(name)
+            alone, found = change(name)
             if not np.isfinite(alone):
                 log.warning("not known: how much of the error is that of %s", said_of(name))
                 continue
             parts[name], toward = abs(alone), toward + alone
+            rest = change_to(simulation, finest, self._target, watch.record, found) / size
+            if len(parts) == 1 and abs(rest) <= THIRD * self._settings.goal:
+                # one has nearly all of it
+                parts[ALL], toward = abs(rest), toward + rest
+                break
         return Told(parts, toward, done.steps)
 
     def _of_facets(self, simulation, watch, done, size):

@@ -9,7 +9,7 @@ from pcontact.adapt.history import Watch
 from pcontact.adapt.mark import LEAP
 from pcontact.adapt.passes import Pass
 from pcontact.adapt.secondary import ALL, Secondary, Told, answers, change_to, more_steps
-from pcontact.adapt.settings import Settings
+from pcontact.adapt.settings import THIRD, Settings
 from pcontact.runtime.options import Options
 from pcontact.scene.target import Target
 from pcontact.simulation import Simulation
@@ -40,7 +40,7 @@ def told(sheared, error, of="energy", last=True):
 
 
 @pytest.mark.parametrize("of", ["energy", "support:upper_top"])
-def test_what_is_small_is_told_by_one_run_and_what_is_large_by_one_each(sheared, of):
+def test_what_is_small_is_told_by_one_run_and_what_is_large_by_one_each(sheared, of, monkeypatch):
     """Load steps have most of it; what they are said to leave is what many more of them change."""
     simulation, watch, settings = sheared
     _, (parts, toward), done, size = told(sheared, 0.5, of)
@@ -48,6 +48,9 @@ def test_what_is_small_is_told_by_one_run_and_what_is_large_by_one_each(sheared,
     if of != "energy":
         return
     assert set(told(sheared, 1e-5, of)[1][0]) == {ALL}, "nothing is refined after the last mesh"
+    _, (alone, _), _, _ = told(sheared, 1e-5, of, last=False)
+    assert set(alone) == {"load_steps", ALL} and alone[ALL] <= THIRD * 1e-5, "load steps have nearly all of it"
+    monkeypatch.setattr("pcontact.adapt.secondary.THIRD", 0.0)
     _, (alone, _), _, _ = told(sheared, 1e-5, of, last=False)
     assert {"load_steps", "frozen_partners", "quadrature"} == set(alone)
     assert max(alone, key=alone.get) == "load_steps" and parts[ALL] < 1.5 * sum(alone.values())
