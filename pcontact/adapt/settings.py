@@ -166,8 +166,9 @@ class Settings:
         """The scene of the next pass."""
         scene = self._scene.copy()
         scene.accuracy = None
-        # estimates know the errors of the traction of the source
-        scene.contacts = [replace(one, traction=one.traction or "source") for one in scene.contacts]
+        if any(one.quantity == "pressure" for one in self._target.each):
+            # toward corners the power of the pressure is known with the traction of the source
+            scene.contacts = [replace(one, traction=one.traction or "source") for one in scene.contacts]
         scene.output.estimate, scene.steps.count, scene.mesh.order = True, self.steps, self.degree.now or 1
         # looser partners and tolerances than the mesh deserves are no place to save
         partners = (SHARE if self.searches else 1.0) * NOTICED * self.goal

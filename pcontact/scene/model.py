@@ -538,7 +538,7 @@ class Contact:
     )  # fmt: skip
     traction: str | None = key(
         choice("both", "source"), "with Nitsche's method: whose stress the traction is taken from", default="both",
-        option="contact_traction", resolved=True, kw_only=True, otherwise="both; with `-error` source",
+        option="contact_traction", resolved=True, kw_only=True, otherwise="both; with `-error` of a pressure source",
         more="`both` sides, see [formulations.md](formulations.md)",
     )  # fmt: skip
     quadrature: int | None = key(
