@@ -334,7 +334,7 @@ class Asked:
         self.rows = np.concatenate([rows[:0], *heard.values()])
         self._ends = np.cumsum([0, *(len(part) for part in heard.values())])
         self._from, self._of = list(heard), sorted(sends)
-        self._starts = np.cumsum([0, *(len(sends[rank]) for rank in self._of)])
+        self._firsts = np.cumsum([0, *(len(sends[rank]) for rank in self._of)])
 
     def reply(self, said):
         """Return what ranks say (n, w) of the rows, in their order, from what this one says (m, w). *Collective.*"""
@@ -357,7 +357,7 @@ class Asked:
         for first, part in zip(self._ends, parts, strict=False):
             part[:, 0] -= first
         told = self._back(parts, table)
-        for start, part in zip(self._starts, told, strict=False):
+        for start, part in zip(self._firsts, told, strict=False):
             part[:, 0] += start
         table = np.concatenate([table[:0], *told])
         return self._order[table[:, 0].astype(np.int64)], table[:, 1:]

@@ -23,9 +23,9 @@ from tests.support.point_laws import add_all, remove_all
 
 # modules of the kernels that a plain run calls, and what its report says of a load step
 KERNELS = {
-    "averages", "measures", "elastic", "facet_maps",
-    "geometry", "graph", "matrix", "mesh", "nearest", "operator", "points", "raw", "slices", "small_kernels",
-    "small", "solid", "strains", "topology", "trace", "tree", "unjoined",
+    "measures", "elastic", "facet_maps",
+    "geometry", "graph", "matrix", "mesh", "operator", "partners", "points", "projection", "raw", "slices",
+    "small_kernels", "small", "solid", "strains", "topology", "trace", "tree", "unjoined",
 }  # fmt: skip
 SECTIONS = {
     "time", "newton", "krylov", "krylov_most", "cutbacks", "reactions", "contacts", "probes", "plastic", "small_strain",

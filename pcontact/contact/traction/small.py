@@ -888,7 +888,7 @@ class TargetTraction:
         table = np.column_stack([place[:, 1:], columns])
         self._rows, self._count = rows, len(found.paired)
         self._asked = Asked(self._space.exchanger, place[:, 0].astype(np.int64), table)
-        answers = self._answer(self._asked.rows, nodal, m)
+        answers, self._asked.rows = self._answer(self._asked.rows, nodal, m), None
         n, shapes = len(answers[0]), [(width,), (width, m, d), (5 + d,)]
         wide = [np.zeros((n, *shape)) for shape in shapes]
         for whole, part in zip(wide, answers, strict=True):
