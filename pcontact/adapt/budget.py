@@ -1,4 +1,4 @@
-"""What the next mesh may cost, and what a target would take: the passes that are to come, played on the estimates of
+"""Cost of the next mesh, and what a target would take: the passes that are to come, played on the estimates of
 the cells of a coarse mesh."""
 
 from typing import NamedTuple
@@ -99,7 +99,7 @@ class Aims(NamedTuple):
 
 
 class Forecast(NamedTuple):
-    """What is expected.
+    """Expected passes.
 
     Attributes
     ----------

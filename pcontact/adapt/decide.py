@@ -1,4 +1,4 @@
-"""Whether there is another pass, what its mesh is made for, and why the last one is the last."""
+"""Decision on another pass, what its mesh is made for, and why the last one is the last."""
 
 import time as clock
 
@@ -115,7 +115,7 @@ class Decision:
         return None, (plan, step)
 
     def _look_at_what_stays(self, done):
-        """Why the target cannot be reached, where no mesh takes away what it takes; else empty. Then meshes are made
+        """Return why the target cannot be reached, where no mesh takes away what it takes; else empty: meshes are made
         for what can be reached."""
         stays, goal = sum(done.parts.get(name, 0.0) for name in self._settings.staying), self._settings.goal
         # no mesh is made for less than this share
@@ -130,11 +130,11 @@ class Decision:
         return said
 
     def _step(self, space, watch, seen, done, most, known):
-        """How the cells are cut that are not divided. *Collective.*"""
+        """Refinement of the cells that are not divided. *Collective.*"""
         return self._refining.step(space, watch.squares, seen, self.wanted(done), most, known)
 
     def _divides(self, simulation, watch, done, step):
-        """Whether the cells of a mesh are divided into simplices. *Collective.*"""
+        """Return True if the cells of a mesh are divided into simplices. *Collective.*"""
         choice, space, growth = self._refining.choice, simulation.problem.space, step.cuts.growth
         if 1.0 < growth <= 2.0**space.dim and step.cuts.part <= self.wanted(done):
             return choice.once(space.mesh)
@@ -153,7 +153,7 @@ class Decision:
         return REACHED if self._target.best else SPENT, None
 
     def expected(self, done, step):
-        """What is expected of the pass after a pass whose cells are cut: its `next`."""
+        """Expectation of the pass after a pass whose cells are cut: its `next`."""
         more = MEASURED[done.known.dim, done.degree][0] if step.divided else 1.0
         return {"unknowns": step.cuts.growth * done.unknowns,
                 "mesh": (more * step.cuts.part) ** done.power * done.parts["mesh"],
@@ -165,7 +165,7 @@ class Decision:
         return self._spent(f"the budget is spent ({self._budget.by})")[0]
 
     def fits(self, unknowns, done, step):
-        """Whether a mesh after a pass is within the budget, and the growth of cells to try in its place or None.
+        """Return True if a mesh after a pass is within the budget, and the growth of cells to try in its place or None.
 
         Parameters
         ----------
@@ -211,7 +211,7 @@ class Decision:
         return part ** (1.0 / done.power)
 
     def forecast(self, space, passes, squares, step):
-        """What is to come, see :func:`pcontact.adapt.budget.forecast`, on meshes that begin with a step.
+        """Forecast of what is to come, see :func:`pcontact.adapt.budget.forecast`, on meshes that begin with a step.
         *Collective.*"""
         done, whole = passes[-1], self._refining.whole and not step.divided
         degree = degrees(space, whole)
@@ -238,18 +238,18 @@ class Decision:
         return float(np.clip(np.log(seen) / np.log(expected), TRUST, 1.0))
 
     def _goes_on(self, old, done):
-        """Whether what was expected of a pass after the one before, or None, says how meshes bring the error down."""
+        """Return True if what a pass, or None, was expected to bring says how meshes bring the error down."""
         if old is None or not old.alike(done) or old.next is None or old.next["degree"] != done.degree:
             return False
         # what simplices have more than the cells they were made of is no rate
         return not (old.next.get("divided") or self.tells_nothing(old))
 
     def tells_nothing(self, done):
-        """Whether the error that a pass names is as large as that of no displacement at all."""
+        """Return True if the error that a pass names is as large as that of no displacement at all."""
         return done.of == "energy" and done.parts["mesh"] >= 1.0
 
     def _same_bodies(self):
-        """Whether the estimates of the last two meshes may be compared: facets that have come onto the geometry since
+        """Return True if estimates of the last two meshes compare: facets that have come onto the geometry since
         make bodies of another shape."""
         if self._settings.staying or len(self._passes) < 2:
             return True
@@ -260,7 +260,7 @@ class Decision:
         return sum(one.degree == self._passes[-1].degree for one in self._passes)
 
     def _stalls(self):
-        """Whether the last meshes have brought nothing."""
+        """Return True if the last meshes have brought nothing."""
         if self._alike() < PATIENCE:
             return False
         # errors fall irregularly: one mesh that has brought nothing says little
@@ -272,7 +272,7 @@ class Decision:
 
 
 def _said_of_wall(wall):
-    """Why the pressure is not reached, in words."""
+    """Return why the pressure is not reached, in words."""
     at = ", ".join(f"{x:.4g}" for x in wall.point)
     said = f"toward ({at}) the pressure goes like r^{wall.power:.2f} with the distance r"
     if wall.power <= NO_SQUARE:

@@ -66,7 +66,7 @@ class Pieces(NamedTuple):
 
 
 class Edges(NamedTuple):
-    """What the cells of this rank have to do with singular edges.
+    """Relation of the cells of this rank to singular edges.
 
     Attributes
     ----------
@@ -100,7 +100,7 @@ class Edges(NamedTuple):
 
 
 def of_tetrahedra(space):
-    """Whether all cells of a mesh are tetrahedra. *Collective.*"""
+    """Return True if all cells of a mesh are tetrahedra. *Collective.*"""
     own = {block.cell for block in space.mesh.blocks if len(block.nodes)}
     return set().union(*space.comm.allgather(own)) == {NAME}
 
@@ -224,7 +224,7 @@ def pieces(space, power, surely):
 
 
 def touching(space, found, power, smooth):
-    """What cells have to do with pieces.
+    """Relation of cells to pieces of edges.
 
     Parameters
     ----------
@@ -274,7 +274,7 @@ def touching(space, found, power, smooth):
 
 
 def look(space, squares, before, smooth):
-    """What a mesh tells of edges. *Collective.*
+    """Edges as a mesh tells them. *Collective.*
 
     Parameters
     ----------
@@ -439,7 +439,7 @@ def zero_line(values):
 
 
 def look_at_front(space, front, smooth):
-    """What cells have to do with the edge of what is closed. *Collective.*
+    """Relation of cells to the edge of what is closed. *Collective.*
 
     Parameters
     ----------

@@ -169,7 +169,7 @@ def left_after(coarse, fine):
 
 
 class Effectivity:
-    """What is known of the estimates of a loop.
+    """Knowledge of the estimates of a loop.
 
     Parameters
     ----------
@@ -213,7 +213,7 @@ class Effectivity:
         return YIELDING if simulation.scene.plastic else 1.0, unseen(space)
 
     def of_quantity(self, dim):
-        """What is known of the estimate of the quantity: a :class:`Range`."""
+        """Range of the error of the quantity: a :class:`Range`."""
         if self._target.quantity == "pressure":
             return Range(*PRESSURE, "pressure in L2", dim)
         return Range(*QUANTITY, f"{self._target.quantity} by a dual problem", dim)

@@ -1,4 +1,4 @@
-"""What a pass says of its errors, and which cells they come from."""
+"""Errors that a pass names, and which cells they come from."""
 
 from copy import copy
 
@@ -32,7 +32,7 @@ class Measures:
         self._each = [Measure(one, settings, runs) for one in target.each]
 
     def __call__(self, simulation, watch, seconds):
-        """What a pass has shown; parameters as of :class:`Measure`. *Collective.*"""
+        """Errors that a pass has shown; parameters as of :class:`Measure`. *Collective.*"""
         watches = [watch] + [copy(watch) for _ in self._each[1:]]
         found = [measure(simulation, own, seconds) for measure, own in zip(self._each, watches, strict=True)]
         for measure, own in zip(self._each, watches, strict=True):
@@ -52,7 +52,7 @@ class Measures:
 
     @property
     def complete(self):
-        """Whether the errors that the mesh has no part in are known."""
+        """Return True if the errors that the mesh has no part in are known."""
         return all(one.complete for one in self._each)
 
     def finish(self, simulation, watch):
@@ -78,7 +78,7 @@ class Measure:
         self._last = None
 
     def __call__(self, simulation, watch, seconds):
-        """What the mesh of a pass has shown; the rest is that of :meth:`sum_up`. *Collective.*
+        """Errors that the mesh of a pass has shown; the rest is that of :meth:`sum_up`. *Collective.*
 
         Parameters
         ----------
@@ -137,7 +137,7 @@ class Measure:
 
     @property
     def complete(self):
-        """Whether the errors that the mesh has no part in are known."""
+        """Return True if the errors that the mesh has no part in are known."""
         return self._secondary.known
 
     def finish(self, simulation, watch):
@@ -165,7 +165,7 @@ class Measure:
         done.expected = self._expected(done, found, toward, size)
 
     def _size(self, simulation, watch, value):
-        """What errors of a quantity are divided by: its size, but not that of rounding errors where it is zero.
+        """Divisor of errors of a quantity: its size, but not that of rounding errors where it is zero.
         *Collective.*"""
         if self._target.quantity == "pressure":
             return abs(value) or 1.0
@@ -196,7 +196,7 @@ class Measure:
         return float(np.hypot(*map(self._secondary.of_steps, (self._passes[-1].steps, self._settings.steps))))
 
     def _indicators(self, simulation, watch, found):
-        """What cells have in the error of a quantity, where that is what the mesh is refined for. *Collective.*"""
+        """Parts of cells in the error of a quantity, where that is what the mesh is refined for. *Collective.*"""
         own = np.concatenate([np.zeros(0), *found.cells])
         if simulation.scene.plastic and self._target.quantity != "pressure":
             # the dual problem knows the last load step alone

@@ -1,4 +1,4 @@
-"""What one run tells the loop: the estimates of all load steps, and where the bodies were at their ends."""
+"""Findings of one run for the loop: the estimates of all load steps, and where the bodies were at their ends."""
 
 from typing import NamedTuple
 
@@ -15,7 +15,7 @@ SAME_TIME = 1e-9
 
 
 class Known(NamedTuple):
-    """Where the bodies were, at all nodes of a mesh of this rank.
+    """Places of the bodies, at all nodes of a mesh of this rank.
 
     Attributes
     ----------
@@ -74,7 +74,7 @@ class Watch(Observer):
 
     @property
     def known(self):
-        """What there is to know for another run."""
+        """Knowledge for another run."""
         return Known(self.times, self.fields, self._every, self.alone)
 
     def step(self, step, u, record):
@@ -106,7 +106,7 @@ def at_nodes(space, u):
 
 
 class Beginning:
-    """Where the bodies are expected, for :class:`pcontact.stepping.stepper.Stages`: they move on as on the last mesh.
+    """Expected places of the bodies, for :class:`pcontact.stepping.stepper.Stages`: they move on as on the last mesh.
 
     Where something remembers what has happened, the displacement of the other mesh itself is farther from the solution
     than that of the last load step: friction and plastic flow of the two meshes differ by more than they change in a
@@ -141,7 +141,7 @@ class Beginning:
         return stepper.u.getArray(readonly=True).reshape(then.shape) + (then - before)
 
     def alone(self, begin, end):
-        """Whether a load step between two times begins where the one before has ended."""
+        """Return True if a load step between two times begins where the one before has ended."""
         if not self._every:
             return True
         # the first of the times is the beginning of the run

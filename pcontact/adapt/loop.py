@@ -39,7 +39,7 @@ FITTED = 5
 
 
 class Outcome(NamedTuple):
-    """What came of a loop.
+    """Outcome of a loop.
 
     Attributes
     ----------
@@ -177,7 +177,7 @@ class Loop:
         return Outcome(status, self._kept, failure, self._section)
 
     def forecast(self):
-        """What the target would take, from the first one or two passes. *Collective.*
+        """Forecast of what the target would take, from the first one or two passes. *Collective.*
 
         Returns
         -------

@@ -1,4 +1,4 @@
-"""How often each cell is to be cut: the fewest cells that bring the error down to a part of what it is.
+"""Marking of how often each cell is to be cut: the fewest cells that bring the error down to a part of what it is.
 
 Meshes of quadrilaterals or hexahedra are halved as a whole, or divided into simplices that are cut where it pays.
 Halving all cells keeps them what they are, which for degree 1 have smaller errors than simplices with the same nodes,
@@ -40,7 +40,7 @@ ROUNDED = 1e-9
 
 
 class Cuts(NamedTuple):
-    """What is to become of the cells.
+    """Refinement that is asked of the cells.
 
     Attributes
     ----------
@@ -64,7 +64,7 @@ class Cuts(NamedTuple):
 
 
 class Contributions(NamedTuple):
-    """What the cells of this rank have in the error.
+    """Contributions of the cells of this rank to the error.
 
     Attributes
     ----------
@@ -307,7 +307,7 @@ class Choice:
         self._comm, self.made = comm, None
 
     def divides(self, scene, space, last, squares, fits=True):
-        """Whether a mesh is divided. *Collective.*
+        """Return True if a mesh is divided. *Collective.*
 
         Parameters
         ----------

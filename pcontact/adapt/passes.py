@@ -147,7 +147,7 @@ class Pass:
         return 2 if self.quantity is not None and "extrapolated" in self.quantity else 1
 
     def alike(self, other):
-        """Whether the errors of two passes are those of one thing and degree."""
+        """Return True if the errors of two passes are those of one thing and degree."""
         return (self.of, self.degree) == (other.of, other.degree)
 
     def at_least(self, error):

@@ -13,7 +13,7 @@ from pcontact.mesh.refinement.split import split
 
 
 class Step(NamedTuple):
-    """How to cut the cells of a mesh.
+    """Way to cut the cells of a mesh.
 
     Attributes
     ----------
@@ -115,7 +115,7 @@ class Refining:
         return split(mesh, (), Balance(*build.balance(scene, self._options))).mesh
 
     def look(self, space, watch, alike=True):
-        """What the last mesh tells of singular points, see :meth:`pcontact.adapt.singularities.Corners.look`.
+        """Singular points as the last mesh tells them, see :meth:`pcontact.adapt.singularities.Corners.look`.
         *Collective.*
 
         Parameters
@@ -128,7 +128,7 @@ class Refining:
                                  watch.pressure)  # fmt: skip
 
     def step(self, space, squares, seen, wanted, most, known, divided=False):
-        """How to cut the cells. *Collective.*
+        """Way to cut the cells. *Collective.*
 
         Parameters
         ----------

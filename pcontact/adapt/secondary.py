@@ -51,7 +51,7 @@ def smooth_facets(scene, _=None):
 
 
 def bent(simulation):
-    """Whether the facets of a contact stand for a smooth surface that they are not. *Collective.*"""
+    """Return True if the facets of a contact stand for a smooth surface that they are not. *Collective.*"""
     names = {name for one in simulation.scene.contacts if not one.tied for name in (one.source, one.target)} - {None}
     return any([smooth_surface(simulation.problem.space, name, True) is not None for name in sorted(names)])
 
@@ -186,7 +186,7 @@ def searching(scene, _):
 
 
 class Answer(NamedTuple):
-    """What a run with other settings has given.
+    """Answer of a run with other settings.
 
     Attributes
     ----------
@@ -215,7 +215,7 @@ class Answer(NamedTuple):
 
 
 def answers(simulation, scene, target, known=None):
-    """What a scene gives on the same mesh, an :class:`Answer` by what a target is the error of; empty where that is not
+    """Answers of a scene on the same mesh, an :class:`Answer` by what a target is the error of; empty where that is not
     known. *Collective.*"""
     try:
         with solved(scene, simulation.comm, simulation.options.said, simulation.mesh, known) as (run, record):
@@ -237,7 +237,7 @@ class Runs:
         self._target, self._of, self._found = target, None, {}
 
     def __call__(self, simulation, scene, known, name):
-        """What the scene of a name gives on the mesh of a pass, as of :func:`answers`. *Collective.*"""
+        """Answers of the scene of a name on the mesh of a pass, as of :func:`answers`. *Collective.*"""
         if self._of is not simulation:
             self._of, self._found = simulation, {}
         if name not in self._found:
@@ -246,7 +246,7 @@ class Runs:
 
 
 def change_to(simulation, other, target, record, one=None):
-    """How far an :class:`Answer`, or None, is from `one`, or else from that of a simulation. *Collective.*
+    """Distance of an :class:`Answer`, or None, from `one`, or else from that of a simulation. *Collective.*
 
     Returns
     -------
@@ -285,7 +285,7 @@ def beyond(simulation, values):
 
 
 def of_facets(simulation, scene, target, record):
-    """What the smooth surfaces that straight facets stand for, all those of the bodies, change in a solution of degree
+    """Change by the smooth surfaces that straight facets stand for, all those of the bodies, in a solution of degree
     2 on the mesh of the file, which is that of a simulation with a record where this has degree 2; as of
     :func:`change_to`. *Collective.*"""
     comm, options = simulation.comm, simulation.options
@@ -314,7 +314,7 @@ def of_facets(simulation, scene, target, record):
 
 
 class Told(NamedTuple):
-    """What a mesh has told.
+    """Findings of a mesh.
 
     Attributes
     ----------
@@ -332,7 +332,7 @@ class Told(NamedTuple):
 
 
 class Secondary:
-    """What is known of these errors.
+    """Knowledge of these errors.
 
     Parameters
     ----------
@@ -351,7 +351,7 @@ class Secondary:
 
     @property
     def known(self):
-        """Whether a mesh has told them."""
+        """Return True if a mesh has told them."""
         return self._told is not None
 
     def parts(self, simulation, watch, done, size, last=False):
@@ -387,7 +387,7 @@ class Secondary:
         return parts | self._facets, scale * told.toward
 
     def _near(self, simulation, done):
-        """Whether the next mesh may be the last one, as those of the first passes grow; or curved facets, which the
+        """Return True if the next mesh may be the last one, as the first ones grow; or if curved facets, which the
         first mesh tells alone, may rub otherwise with few load steps."""
         if self._facets is None and self._settings.staying and simulation.mesh.curved and simulation.scene.remembers:
             return True

@@ -1,4 +1,4 @@
-"""What the passes run with: load steps, tolerances, searches and the degree of the displacement."""
+"""Settings that the passes run with: load steps, tolerances, searches and the degree of the displacement."""
 
 from dataclasses import replace
 
@@ -85,7 +85,7 @@ class Degree:
 
     @property
     def is_open(self):
-        """Whether the degree is still to be chosen."""
+        """Return True if the degree is still to be chosen."""
         return self.now is None
 
     def take(self, degree, why):
@@ -95,7 +95,7 @@ class Degree:
         return degree
 
     def few(self, dim, nodes):
-        """Why the first pass has degree 2, where the unknowns of so many nodes are few; else empty."""
+        """Return why the first pass has degree 2, where the unknowns of so many nodes are few; else empty."""
         unknowns = dim * nodes
         return f"about {unknowns:.2g} unknowns are few" if unknowns <= min(FEW, self._most) else ""
 
@@ -129,7 +129,7 @@ class Degree:
 
 
 class Settings:
-    """What the next pass runs with.
+    """Settings that the next pass runs with.
 
     Parameters
     ----------

@@ -41,7 +41,7 @@ LEAST_OF_PRESSURE = 0.1
 
 
 class PressureError(NamedTuple):
-    """What the cells have in the error of a contact pressure.
+    """Parts of the cells in the error of a contact pressure.
 
     Attributes
     ----------
@@ -272,7 +272,7 @@ def _bodies(mesh):
 
 
 def _alone(comm, marks, bodies, points, sizes):
-    """Whether vertices that have been found are points: not several of them in a row. *Collective.*
+    """Return True if vertices that have been found are points: not several of them in a row. *Collective.*
 
     Parameters
     ----------
@@ -337,7 +337,7 @@ class Corners:
         self.wall, self.edges = None, None
 
     def look(self, space, squares, alike=True, pressure=None):
-        """What is found on a mesh. *Collective.*
+        """Findings on a mesh. *Collective.*
 
         Parameters
         ----------

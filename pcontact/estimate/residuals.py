@@ -146,7 +146,7 @@ def tests_of(space, number, xi):
 
 
 def stiffness(space, bulk, block):
-    """What share of a jump the cells of a block take, beside those of others [stress]."""
+    """Share of a jump that the cells of a block take, beside those of others [stress]."""
     lam, mu = bulk.constants[block.body]
     # the functions that are missing where cells of both degrees meet are those of the lower one
     return (lam + 2.0 * mu) * (TAKES_ALL if space.degree_of(block) < space.degree else 1.0)
@@ -380,7 +380,7 @@ class ContactResiduals:
                     add_at(forces.rows, part, values[:, :, None] * force[:, None, :], tested[number])
 
     def add_dual(self, contact, u, z, zero, tested, rules=None):
-        """What contact exerts on a dual displacement. *Collective.*
+        """Forces that contact exerts on a dual displacement. *Collective.*
 
         With D the derivative of the law at the displacement u, or by the rules that some pairs have, the tangent has
         the terms  - int theta t(w) . G^-1 t(z)  and  - int D (t(w) - G [[w]]) . G^-1 (G [[z]] - theta t(z))  for a

@@ -251,9 +251,9 @@ def _sum(a, b):
 
 
 def friction_bytes(d, rows):
-    """Of a quadrature point: lag, slip reference and the jump before the step, d numbers each, and the derivative of
-    d - 1 more components of the traction, ``rows`` bytes each."""
-    return 3 * 8 * d + (d - 1) * rows
+    """Of a quadrature point: lag, slip reference and the jump before the step, d numbers each, the derivative of d - 1
+    more components of the traction, ``rows`` bytes each, and of the law, d d numbers instead of one."""
+    return 3 * 8 * d + (d - 1) * rows + 8 * (d * d - 1)
 
 
 def plastic_bytes(d):
