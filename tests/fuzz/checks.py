@@ -387,13 +387,15 @@ def motion(case, result, tight):
         return []
     f, m, (s0, s1) = _weights(scene["dynamics"])
     slow, found, rows = scene["bodies"][0].get("mass_damping", 0.0), [], []
+    # a point that has mass is not damped, and momenta are those of bodies and points together
+    unknown = slow > 0.0 and any("mass" in one for one in scene.get("couplings", []))
     least = 1e-6 * case.stress * case.length ** (2 if case.axial or case.dim == 3 else 1)
     for row in result["steps"]:
         record = row["record"]
         tables = [one for one in scene.get("loads", []) if acts(one, record.get("phase"))]
         tables = [one for one in tables if body_of(case.mesh, one["region"]) not in record.get("absent", [])]
         known = [applied(case, one, record["time"]) for one in tables]
-        if "inertia" not in record or any(force is None for force in known):
+        if "inertia" not in record or unknown or any(force is None for force in known):
             continue
         outer = _forces(case, row, [(one["region"], force) for one, force in zip(tables, known, strict=True)])[1]
         momentum = np.array(record["inertia"]["momentum"])

@@ -23,8 +23,7 @@ import numpy as np
 from pcontact.contact.search.partners import route
 from pcontact.contact.search.tree import build_tree, meeting
 from pcontact.contact.surface.facet_maps import SQUARE_CORNERS, TRIANGLE_CORNERS, facet_boxes
-from pcontact.element.reference import facet_nodes
-from pcontact.element.shape import shape, shape_gradient
+from pcontact.element.reference import facet_nodes, shape, shape_gradient
 from pcontact.runtime.jit import njit_exact, njit_inner_exact
 from pcontact.runtime.parallel import Asked
 
