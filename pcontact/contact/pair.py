@@ -220,7 +220,7 @@ class ContactPair(Item):
         self.verifies, self.stale, self._former, self._turns, self.closing = not law.tied, 0.0, None, None, 0.0
         # with the moduli of its traction
         self._stressed = source
-        # partners, slopes and values of the last tangent of the load step
+        # partners, slopes and parameters, and values of the last tangent of the load step
         self._written = None, (), None
 
     @property
@@ -397,19 +397,21 @@ class ContactPair(Item):
         values = p.exchange.gather(u)
         (slopes, status), wide = self.terms.slopes(p, values, view), self.terms.wide(p)
         new = self._couples(status > OPEN, wide) & ~rows.coupled
-        same = self.terms.repeats and self._written[0] is p and all(map(np.array_equal, slopes, self._written[1]))
+        # multipliers may let gamma grow
+        depends = *slopes, self.method.gamma, self.method.alpha
+        same = self.terms.repeats and self._written[0] is p and all(map(np.array_equal, depends, self._written[1]))
         grows, changes = self.space.comm.allreduce(np.array([new.any(), not same], dtype=int), op=MPI.SUM)
         if grows:
             rows.renew(p, rows.coupled | new, wide, self.method.theta != 0.0)
         if self.status is not None:
             self.flips.append(int(np.sum(status != self.status)))
         self.status = status
-        if changes:
+        if changes or grows:
             blocks = rows.blocks()
             missing = self.terms.add_tangent(p, values, view, slopes, blocks)
             if missing:
                 raise RuntimeError(f"contact {self.name}: {missing} entries of the tangent outside the pattern")
-            self._written = p, slopes, rows.owned.sum(blocks.values)
+            self._written = p, depends, rows.owned.sum(blocks.values)
         return self._written[2]
 
     def forces(self, u):

@@ -128,11 +128,16 @@ def level(comm, raw):
     own = raw and (raw.path, raw.dim, [(block.cell, block.degree, block.nodes.shape[1]) for block in raw.blocks],
                    {kind: list(getattr(raw, kind)) for kind in GROUPS}, raw.lost)  # fmt: skip
     heads = [head for head in comm.allgather(own) if head]
-    path, dim = heads[0][:2]
-    there = {block.cell: block for block in raw.blocks} if raw else {}
-    # where several ranks have cells, they have them in this order
-    kinds = sorted(set().union(*(head[2] for head in heads)), key=lambda kind: kind[2]) if heads[1:] else heads[0][2]
-    blocks = [there.get(cell, Block(cell, degree, np.zeros((0, n), dtype=np.int64))) for cell, degree, n in kinds]
+    path, dim, kinds = heads[0][:3]
+    if heads[1:]:
+        # one block of each, on all ranks in this order
+        kinds = sorted(set().union(*(head[2] for head in heads)), key=lambda kind: kind[2])
+        there = {block.cell: block for block in raw.blocks} if raw else {}
+        blocks = [there.get(cell) for cell, _, _ in kinds]
+    else:
+        blocks = raw.blocks if raw else [None] * len(kinds)
+    blocks = [block or Block(cell, degree, np.zeros((0, n), dtype=np.int64))
+              for block, (cell, degree, n) in zip(blocks, kinds, strict=True)]  # fmt: skip
     lost, groups = {name: why for head in heads for name, why in head[4].items()}, {}
     for kind, none in GROUPS.items():
         names = dict.fromkeys(name for head in heads for name in head[3][kind]
