@@ -451,8 +451,8 @@ def test_a_preconditioner_serves_several_load_steps(shared_tmp, monkeypatch):
     scene, kept, keep = HELD_BACK["sheared"].scene(shared_tmp), [], Reuse.keep
     scene.petsc = {"pc_direct_below": "0"}
 
-    def told(self, ksp, area):
-        kept.append(keep(self, ksp, area))
+    def told(self, *given):
+        kept.append(keep(self, *given))
         return kept[-1]
 
     def found(lasting):

@@ -58,7 +58,7 @@ def test_partners_do_not_depend_on_the_partition(shared_tmp, monkeypatch):
     x = np.column_stack([random.uniform(0.1, 0.9, (POINTS, 2)), random.uniform(0.9, 1.3, POINTS)])
     normals = np.tile([0.0, 0.0, -1.0], (POINTS, 1))
     alone = partners(SELF, path, x, normals)
-    monkeypatch.setattr(distribute, "partition", lambda exchanger, piece, *_: piece.ids * 40503 % 65536 % WORLD.size)
+    monkeypatch.setattr(distribute, "partition", lambda piece, *_: piece.ids * 40503 % 65536 % WORLD.size)
     with profile.recording(profile.Profile()) as recorded:
         several = partners(WORLD, path, x, normals)
     assert np.all(alone[:, 1] >= 0)
