@@ -99,7 +99,7 @@ def changed(number, factor, some, measure):
             setattr(one, name, value)
 
 
-def ablate(args, some, left_out, measure, compared):
+def ablate(args, some, left_out, measure, compared, comm=MPI.COMM_SELF):
     """Rows of all numbers of some modules, those of an earlier run kept; and what the table says of each.
 
     Parameters
@@ -112,6 +112,8 @@ def ablate(args, some, left_out, measure, compared):
         Makes a dict of lists and sums.
     compared : tuple of str
         Lists whose largest factor to those of the first row stands in the table; of the others the values.
+    comm : MPI.Comm, optional
+        Ranks that measure together.
 
     Returns
     -------
@@ -119,7 +121,7 @@ def ablate(args, some, left_out, measure, compared):
     left : list of str
         Numbers without a row.
     """
-    rows = Rows(args.o / "rows.jsonl", ("module", "name", "times"), comm=MPI.COMM_SELF)
+    rows = Rows(args.o / "rows.jsonl", ("module", "name", "times"), comm=comm)
     first = rows.get({"module": "", "name": "as it is", "times": 1.0}, measure)
     every = list(numbers(some, left_out))
     for number in islice(every, 0 if args.table else 1 if args.tiny else None):
