@@ -28,7 +28,7 @@ APART = 0.1
 # of a reference cell by which a point on the border of two cells is in both
 EDGE = 1e-9
 # words of warnings that say that partners were wrong
-SAID = ("smaller load steps", "inside", "search_radius", "search radius", "overlap",
+SAID = ("smaller load steps", "inside", "enter each other", "search_radius", "search radius", "overlap",
         "multipliers")  # fmt: skip
 
 
