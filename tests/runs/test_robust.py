@@ -194,6 +194,5 @@ def test_a_layer_lifts_off(shared_tmp, run, stiffness, length):
         displacements=[Displacement("symmetry", [0.0, "free"]), Displacement("base_bottom", ["free", 0.0])],
         output=Output(fields=False),
     ))  # fmt: skip
-    # 12 or 13: multigrid fails at once or later, as its random vectors fall; without the rule `opening` 28 to 84
-    assert not cuts and records[-1]["newton"] <= 13
+    assert not cuts and records[-1]["newton"] <= 12
     assert records[-1]["contacts"]["pair"]["area"] == pytest.approx(length, abs=0.05)
