@@ -192,7 +192,8 @@ def test_a_layer_lifts_off(shared_tmp, run, stiffness, length):
         materials={"layer": Material(1e4, 0.3), "base": Material(1e4 * stiffness, 0.3)},
         bodies=[Body("layer", "layer"), Body("base", "base")], loads=[Load("strip", pressure=1.0)], steps=Steps(),
         displacements=[Displacement("symmetry", [0.0, "free"]), Displacement("base_bottom", ["free", 0.0])],
-        output=Output(fields=False),
+        # multigrid fails here, sooner or later, and an iteration is lost with it: that is a matter of the study
+        output=Output(fields=False), petsc={"pc_type": "lu"},
     ))  # fmt: skip
     assert not cuts and records[-1]["newton"] <= 12
     assert records[-1]["contacts"]["pair"]["area"] == pytest.approx(length, abs=0.05)
