@@ -167,9 +167,9 @@ def run(args):
     return 0
 
 
-def parser():
-    """The driver's options."""
-    p = make_parser(__doc__, str(Path.home() / "pcontact_ablation"))
+def parser(description=__doc__, name="pcontact_ablation"):
+    """Options of a driver that tries numbers; its rows are kept in a directory of the user's of that name."""
+    p = make_parser(description, str(Path.home() / name))
     p.add_argument("--table", action="store_true", help="no runs: what the rows say")
     p.add_argument("--publish", type=Path, metavar="FILE", help="the table is written there, too")
     return p

@@ -12,9 +12,9 @@ is, all Newton and Krylov iterations, cuts, scenes that have not converged, and 
 import time as clock
 from functools import partial
 from importlib import import_module
-from pathlib import Path
 
-from drivers._common import log, main, make_parser
+from drivers._common import log, main
+from drivers.studies import ablation
 from drivers.studies._robust_scenes import CASES
 from drivers.studies.ablation import ablate, write_table
 from drivers.studies.robustness import solve
@@ -70,10 +70,7 @@ def run(args):
 
 def parser():
     """The driver's options."""
-    p = make_parser(__doc__, str(Path.home() / "pcontact_ablation_solver"))
-    p.add_argument("--table", action="store_true", help="no runs: what the rows say")
-    p.add_argument("--publish", type=Path, metavar="FILE", help="the table is written there, too")
-    return p
+    return ablation.parser(__doc__, "pcontact_ablation_solver")
 
 
 if __name__ == "__main__":
