@@ -89,11 +89,15 @@ class Squared(Amplitude):
 
 
 def corners(scene):
-    """Times (a list, unsorted) of the corners of all amplitudes of a scene: load steps end there."""
+    """Times (a list, unsorted) of the corners of amplitudes and expressions of a scene: load steps end there."""
     obstacles = [contact.obstacle for contact in scene.contacts if contact.obstacle is not None]
     moved = [*scene.displacements, *scene.loads, *scene.temperatures, *scene.couplings, *scene.pretensions, *obstacles]
     tables = [one.amplitude for one in moved] + [contact.interference_amplitude for contact in scene.contacts]
-    return [time for table in tables for time, _ in (table or [])]
+    values = [getattr(one, key) for one in moved for key in MULTIPLIED[type(one)]]
+    values += [one.expression for one in obstacles]
+    turning = [one for value in values for one in expressions(value).values()]
+    found = [time for one in turning for time in one.corners(scene.steps.end).tolist()]
+    return found + [time for table in tables for time, _ in (table or [])]
 
 
 def drive(scene, places):

@@ -27,6 +27,12 @@ NORMAL = ("nx", "ny", "nz")
 PLACES = ("x", "y", "z", *NORMAL)
 # [sizes of the mesh] Difference of two numbers that are equal in a condition
 EQUAL = 1e-6
+# [parts of the run] In each of which a comparison turns once at most, or else something in it does. From: chosen.
+PARTS = 1000
+# [-] How often one of them is halved to find where. From: doubles have 53 digits.
+HALVINGS = 60
+# operations that are smooth but where their argument, or the difference of both, is zero
+TURNING = (np.abs, np.minimum, np.maximum)
 # kinds of numpy's types that are no real numbers: complex numbers and booleans
 NOT_REAL = "cb"
 
@@ -140,6 +146,14 @@ class Expression:
             slope = _slope(self._root, places, slopes)[1]
         return np.zeros(x.shape) if slope is None else np.broadcast_to(slope.T, x.shape).astype(float)
 
+    def corners(self, end):
+        """Times (n,) from 0 to an end at which ``min``, ``max``, ``abs`` and ``if`` go over to another branch: those
+        that the time alone says."""
+        if "t" not in self.names:
+            return np.zeros(0)
+        with np.errstate(all="ignore"):
+            return np.unique(_corners(self._root, np.linspace(0.0, end, PARTS + 1)))
+
     def _top(self, tree):
         return self._node(tree, 0)
 
@@ -233,6 +247,39 @@ def _value(node, places):
         return rest[0](*(_value(one, places) for one in rest[2]))
     left, right, yes, no = (_value(one, places) for one in rest[1])
     return np.where(rest[0](left, right), yes, no)
+
+
+def _corners(node, times):
+    """Times (n,) at which a node of an expression turns, each to the last digit: between those at which its parts do it
+    turns once at most where these are linear, and so nothing is missed."""
+    kind, *rest = node
+    if kind in ("number", "place"):
+        return np.zeros(0)
+    parts = rest[1] if kind == "choice" else rest[2]
+    inner = np.concatenate([_corners(one, times) for one in parts])
+    if kind != "choice" and rest[0] not in TURNING:
+        return inner
+
+    def side(time):
+        values = [_value(one, {"t": time}) for one in parts[:2]]
+        if kind == "choice":
+            return np.where(rest[0](*values), 1.0, -1.0)
+        return np.nan_to_num(np.sign(values[0] if len(values) == 1 else np.subtract(*values)))
+
+    times = np.union1d(times, inner)
+    try:
+        sides = np.broadcast_to(side(times), times.shape)
+    except KeyError:
+        # it is told by the place, too: the time is another one at every point
+        return inner
+    before = np.flatnonzero(sides[1:] != sides[:-1])
+    low, high, first = times[before], times[before + 1], sides[before]
+    for _ in range(HALVINGS):
+        middle = low + 0.5 * (high - low)
+        same = side(middle) == first
+        low, high = np.where(same, middle, low), np.where(same, high, middle)
+    # what is zero to the last is smooth from there on, what is not turns with the first that is something else
+    return np.concatenate([inner, np.where(first == 0.0, low, high)])
 
 
 def _slope(node, places, slopes):
@@ -346,6 +393,10 @@ class Called(str):
 
     # what its values depend on: it may be the time, too
     names = frozenset("t")
+
+    def corners(self, end: float) -> np.ndarray:
+        """None: nobody knows where it has some."""
+        return np.zeros(0)
 
     def __call__(self, x: np.ndarray, time: float) -> np.ndarray:
         """Values (n,) at points x (n, d) [length]."""

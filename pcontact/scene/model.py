@@ -916,7 +916,7 @@ class Steps:
     )  # fmt: skip
     count: int = key(
         integer(1, 1_000_000), "equal load steps to start with", default=1, option="steps_count",
-        more="corners of amplitudes are met",
+        more="corners of amplitudes and expressions are met",
     )  # fmt: skip
     min_step: float | None = key(
         POSITIVE, "smallest load step: a step that fails is halved down to this",

@@ -241,11 +241,13 @@ def end_velocity(scene):
 
 @parallel(1, 3)
 @pytest.mark.parametrize("integrator", ["trapezoidal", "hht"])
-@pytest.mark.parametrize("table", [[(0, 0), (0.2, 0), (0.5, 1)], [(0, 0), (2, 1)]])
-def test_a_support_that_moves_at_once(shared_tmp, integrator, table):
-    """At a corner of its amplitude, or from the beginning: it exerts rho c v, nothing swings, no energy is missing."""
-    way, scene = 0.01, pulled(shared_tmp, 40, 0.01, table, integrator=integrator)
-    (begin, _), (end, _) = table[-2:]
+@pytest.mark.parametrize(("begin", "end", "value", "table"), [
+    (0.2, 0.5, 0.01, [(0, 0), (0.2, 0), (0.5, 1)]), (0.0, 2.0, 0.01, [(0, 0), (2, 1)]),
+    (0.2, 0.5, "0.01*max(0, min((t - 0.2)/0.3, 1))", None),
+])  # fmt: skip
+def test_a_support_that_moves_at_once(shared_tmp, integrator, begin, end, value, table):
+    """At a corner of its motion, or from the beginning: it exerts rho c v, nothing swings, no energy is missing."""
+    way, scene = 0.01, pulled(shared_tmp, 40, value, table, integrator=integrator)
     steps = run(scene, WORLD, shared_tmp / "out")
     time, force = column(steps, "time"), column(steps, "reactions", "left")[:, 0]
     speed, momentum = way / (end - begin), column(steps, "inertia", "momentum")[:, 0]
@@ -256,6 +258,18 @@ def test_a_support_that_moves_at_once(shared_tmp, integrator, table):
     if WORLD.size > 1:
         alone = run(scene, SELF, shared_tmp / f"alone{WORLD.rank}")
         assert column(alone, "energy", "supports") == pytest.approx(column(steps, "energy", "supports"), rel=1e-9)
+
+
+def test_an_expression_that_turns_is_an_amplitude(shared_tmp):
+    """Load steps end where it does, and the motion is the same, though none would end there of its own."""
+    same, turns = (
+        run(pulled(shared_tmp, 20, value, table, 1.0, 37, integrator="trapezoidal"), SELF, shared_tmp / "out")
+        for value, table in [(0.01, [(0, 0), (0.2, 0), (0.5, 1)]), ("0 if t < 0.2 else min((t - 0.2)/30, 0.01)", None)]
+    )
+    assert {0.2, 0.5} < set(column(same, "time"))
+    for quantity in (("time",), ("reactions", "left"), ("inertia", "momentum"), ("energy", "kinetic")):
+        wanted = column(same, *quantity)
+        assert column(turns, *quantity) == pytest.approx(wanted, abs=1e-11 * np.abs(wanted).max())
 
 
 def test_the_velocity_of_a_support(shared_tmp):

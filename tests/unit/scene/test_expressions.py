@@ -101,6 +101,20 @@ def test_no_expression_takes_long():
         assert time.monotonic() - start < 1.0
 
 
+@pytest.mark.parametrize(("text", "times"), [
+    ("min(t, 0.2)", [0.2]), ("2*x*max(0.2, t)", [0.2]), ("min(t, 0.2, 1.3 - t)", [0.2, 1.1]), ("abs(t - 1)", [1.0]),
+    ("1 if t < 0.3 else 2", [0.3]), ("max(0, max(0, t - 1.25))", [1.25]), ("max(0, 1 - abs(t - 1.1)/2**-20)",
+    [1.1 - 2**-20, 1.1, 1.1 + 2**-20]), ("abs(sin(4*t))", [0.0, np.pi / 4, np.pi / 2]), ("sin(4*t) + t**3", []),
+    ("max(0, 40*t - y)", []), ("max(x, 0)*t", []), ("sqrt(t - 1)*abs(t - 1.5)", [1.5]), ("max(0, t - 3)", []),
+])  # fmt: skip
+def test_where_it_turns(text, times):
+    """To the last digits, between 0 and 2, however short the pulse; not where a place says when."""
+    assert Expression(text).corners(2.0) == pytest.approx(times, rel=1e-15, abs=1e-15)
+    # a step that ends at a jump has it
+    jump = Expression("1 if t <= 0.3 else 2")
+    assert jump(np.zeros((1, 2)), jump.corners(2.0)[0]) == 2.0
+
+
 def test_what_is_not_finite_is_named(tmp_path):
     """Of the value and of its gradient."""
     obstacle = Obstacle("level_set", expression="log(x) + sqrt(y - 0.5)")
