@@ -13,6 +13,7 @@ but a gamma that follows has load steps of ironing it cut. Tangential tractions 
 alone: that of rubber which hardly changes its volume.
 """
 
+from operator import ge
 from typing import NamedTuple
 
 import numpy as np
@@ -35,6 +36,7 @@ from pcontact.contact.formulation.finite_kernels import (
 )
 from pcontact.contact.formulation.small import Terms
 from pcontact.contact.law import OPEN, SLIP
+from pcontact.runtime.petsc import MPI
 
 # [facet sizes] Overlap beyond which the tangent turns normals and moves partners in part only, see
 # `pcontact.contact.formulation.finite_kernels`, in the first tangents of a load step; [tangents] these, and by how many
@@ -45,11 +47,25 @@ DEEP, EARLY = 0.03, 3
 
 
 class Contact(NamedTuple):
-    """Places of the points, a :class:`Placed`, with the partner and the motion by which they are there."""
+    """Places of the points, a :class:`Placed`, with the partner and the motion by which they are there.
+
+    Attributes
+    ----------
+    partner, motion, placed
+    frozen : pcontact.contact.formulation.finite_geometry.FinitePartner
+        Of the pairing, with which the partner was found.
+    asked : (bool, bool)
+        Whether with the curvature of an obstacle, and with slip.
+    tractions : list of (ndarray (np,) of bool, ndarray (np, d))
+        Points that were asked for their tractions here, and these.
+    """
 
     partner: object
     motion: Motion
     placed: Placed
+    frozen: object
+    asked: tuple
+    tractions: list
 
 
 class FiniteTerms(Terms):
@@ -61,7 +77,7 @@ class FiniteTerms(Terms):
         self._lag = np.zeros_like(source.x)
         # that of the load step; what the next one will start from is known when this one has been committed
         self._carried = self._lag
-        self._before = self._adjoint = None
+        self._before = self._adjoint = self._last = None
         self._made = 0
 
     # -- a load step ----------------------------------------------------------------------------------------------
@@ -85,7 +101,7 @@ class FiniteTerms(Terms):
     def begin(self, p, values, moved, turned):
         """See :meth:`pcontact.contact.formulation.small.SmallTerms.begin`; the displacements are the
         committed ones."""
-        self._before, self._carried = values, turned(self._lag)
+        self._before, self._carried, self._last = values, turned(self._lag), None
         w = np.empty(len(p.cells))
         stretch(p.points, self.source.grad, values, w)
         w = np.maximum(w, 1.0)
@@ -102,6 +118,7 @@ class FiniteTerms(Terms):
         contact = self._contact(p, values)
         at = self._acting(p, values, view, contact)
         self._end_step(p, contact.placed.normal, at.traction, at.force, at.status)
+        self._last = None
         return at.status
 
     # -- at the points --------------------------------------------------------------------------------------------
@@ -119,9 +136,17 @@ class FiniteTerms(Terms):
         return self._contact(p, values, slides=False).placed
 
     def _contact(self, p, values, tangent=False, slides=None):
+        """The :class:`Contact` at a displacement, kept for the next who asks at the same one: Newton's method does so
+        several times. *Collective.*"""
         before = values if self._before is None else self._before
-        partner, motion = p.partner_at(values, tangent), Motion(p.x, values, before, self._carried)
-        return Contact(partner, motion, self._placed(p, partner, motion, self.slides if slides is None else slides))
+        asked = tangent and p.obstacle is not None, self.slides if slides is None else slides
+        last = self._last
+        known = last is not None and last.frozen is p.frozen and last.motion.before is before
+        known = known and all(map(ge, last.asked, asked)) and np.array_equal(last.motion.u, values)
+        if not self.space.comm.allreduce(known, op=MPI.LAND):
+            partner, motion = p.partner_at(values, asked[0]), Motion(p.x, values, before, self._carried)
+            self._last = Contact(partner, motion, self._placed(p, partner, motion, asked[1]), p.frozen, asked, [])
+        return self._last
 
     def _placed(self, p, partner, motion, slides):
         d, (n, width) = self.space.dim, p.targets.shape
@@ -130,7 +155,11 @@ class FiniteTerms(Terms):
         return placed
 
     def _traction(self, p, values, wanted, contact):
-        return self.method.traction(self.traction.traction(values, p, wanted, contact))
+        own = next((own for some, own in contact.tractions if some is wanted), None)
+        if own is None:
+            own = self.traction.traction(values, p, wanted, contact)
+            contact.tractions.append((wanted, own))
+        return self.method.traction(own)
 
     def _acting(self, p, values, view, contact, wanted=None, sloped=False):
         """Tractions at the points, an :class:`Acting`."""

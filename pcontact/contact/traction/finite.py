@@ -508,8 +508,8 @@ class WeightedFiniteTraction(FiniteTraction):
     def __init__(self, space, bulk, source, name, other):
         super().__init__(space, bulk, source, name)
         self._target, self._alpha = other
-        # displacements, partners, and what these add to the traction there
-        self._last = None
+        # a contact, and what partners add to the traction there
+        self._last = None, None
 
     @property
     def nodes(self):
@@ -521,12 +521,12 @@ class WeightedFiniteTraction(FiniteTraction):
         found, self._facing = self._target.sides(found, self.source, nodal)
         self._place, self._both = found.place, ~self._facing.alone
         self._own, self._other, _, _ = weights(self._facing)
-        self._last = None
+        self._last = None, None
         return found
 
     def begin(self, method, growth, values, p):
         """See :meth:`FiniteTraction.begin`. *Collective.*"""
-        facing, rows, self._last = self._facing, np.flatnonzero(self._both), None
+        facing, rows, self._last = self._facing, np.flatnonzero(self._both), (None, None)
         other, ratio, source = np.ones_like(growth), np.ones(len(growth)), self.source
         found = self._target.growth(self._place, rows, values, p)
         slope, moved = source.grad if source.slope is None else source.slope, values[p.cells[source.facet[rows]]]
@@ -574,18 +574,15 @@ class WeightedFiniteTraction(FiniteTraction):
         return self._own[:, None] * own + self._added(values, p, contact)
 
     def _added(self, values, p, contact):
-        """-w2 J t2 (np, d), where points have partners. Newton's method asks several times at one displacement.
-        *Collective.*"""
-        last = self._last
-        known = last is not None and last[1] is contact.partner and np.array_equal(last[0], values)
-        if not self._space.comm.allreduce(known, op=MPI.LAND):
+        """-w2 J t2 (np, d), where points have partners. *Collective.*"""
+        if self._last[0] is not contact:
             both, ratio, _ = self._moved(p, contact, p.paired)
             rows, xi = np.flatnonzero(both), contact.placed.xi[:, : self._space.dim - 1]
             other = self._target.tractions(self._place, rows, xi[rows], values, p)
             added = np.zeros_like(self.source.x)
             added[rows] = -(self._other * ratio)[rows, None] * other
-            self._last = values.copy(), contact.partner, added
-        return self._last[2]
+            self._last = contact, added
+        return self._last[1]
 
     def _joined(self, own, wanted, both, xi, ratio, values, p, elastic):
         """Rows of the wanted points by the nodes of both cells, and t2 (np, d) and t2,i (np, 2, d). *Collective.*"""
