@@ -106,7 +106,7 @@ class CellWork(NamedTuple):
     h : ndarray (nq, 3, 3)
         Displacement gradients.
     log_volume, pressure : ndarray (nq,)
-        ln J, and what the mean dilatation adds to the mean Kirchhoff stress [stress].
+        ln J where there is a mean dilatation, and what that adds to the mean Kirchhoff stress [stress].
     inverse : ndarray (nq, 3, 3)
         F^-1.
     means : ndarray (nb, nn d)
@@ -219,8 +219,9 @@ def begin_cell(state, cells, nodal, c, mode, work):
         change = volume_change(work.h[q])
         if not (change > -1.0 and change < np.inf):
             return False
-        work.log_volume[q] = np.log1p(change)
         work.pressure[q] = 0.0
+        if nb > 0:
+            work.log_volume[q] = np.log1p(change)
         if nb > 0 and mode != STRESS:
             _invert(work.h[q], 1.0 + change, work.inverse[q])
             _add_means(cells, c, q, work)

@@ -17,6 +17,12 @@ T is the Kirchhoff stress turned back. Two kinds of law say what it is along the
 
       t_i = dev_i sum_p mu_p exp(alpha_p dev e_i),    (t_i - t_j) / (e_i - e_j) without a difference of equal numbers
 
+Hencky's law of small strains in space where nothing yields or has other axes asks for no axes: with M = 2 mu E + p I,
+p = lambda tr E and what the cell adds, and S_x, w of `pcontact.material.log_strain`,
+
+    S = C^-1 M,    A dG = lambda C^-1 (C^-1 : dG) + mu sum w (B dG S_x + S_x dG B) - (C^-1 dG S + S dG C^-1),
+    B = C^-1 S_x
+
 The volumetric part of the stress is that of a modulus at the point, ``own``, and a pressure that the cell adds: with a
 mean dilatation (`pcontact.element.dilatation`) it is that of the projection of ln J.
 
@@ -30,17 +36,20 @@ import numpy as np
 from pcontact.material.elastic import add_elastic_tangent, elastic_stress, lame
 from pcontact.material.hardening import curve_of
 from pcontact.material.log_strain import (
+    ROOT,
     add_curvature,
     axes_operator,
     compose,
     eigenpairs,
+    fill_product,
     log_difference,
     slopes,
+    small_log,
     twice_green,
     volume_change,
 )
-from pcontact.material.plastic import VonMises, plastic_constants, return_map, thickness_strain
-from pcontact.runtime.jit import njit_inline, njit_inner_exact
+from pcontact.material.plastic import VonMises, flows, plastic_constants, return_map, thickness_strain
+from pcontact.runtime.jit import njit_inline, njit_inner, njit_inner_exact
 
 # what is asked of a point: the stress alone, with the consistent tangent, with the elastic one
 STRESS, CONSISTENT, ELASTIC = 0, 1, 2
@@ -265,6 +274,48 @@ def _hencky(material, p, mode, work):
     return p, yields
 
 
+# components XX, YY, ZZ, XY, YZ, XZ: their indices, and the number of each pair of indices
+PAIRS = np.array([[0, 0], [1, 1], [2, 2], [0, 1], [1, 2], [0, 2]])
+NUMBER = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2]])
+
+
+@njit_inner
+def _hencky_small(material, p, pressure, mode, work):
+    """:func:`stress_at` for a small 2 G in ``work.twice``, in space and without flow; False where it is not that."""
+    rows, products, strain = work.moduli, work.part, work.strain
+    if not small_log(work.twice, mode != STRESS, rows, products):
+        return False
+    logs, inverse, own, s = rows[0], rows[1], rows[2], rows[3]
+    for k in range(6):
+        strain[k] = logs[k] if k < 3 else ROOT * logs[k]
+        work.plastic[k] = 0.0
+        work.new[k] = 0.0
+    if len(material.small.curve) > 0 and flows(material.small, strain, work.plastic, p, work.slope):
+        return False
+    mu, lam, trace = material.small.constants[1], material.own, logs[0] + logs[1] + logs[2]
+    for k in range(6):
+        own[k] = 2.0 * mu * logs[k] + (lam * trace + pressure if k < 3 else 0.0)
+    fill_product(inverse, own, s)
+    for k in range(6):
+        work.stress[k] = s[k] if k < 3 else ROOT * s[k]
+    if mode == STRESS:
+        return True
+    for i in range(6):
+        for j in range(i, 6):
+            products[i, j] = mu * products[i, j] - inverse[i] * s[j] - s[i] * inverse[j]
+            products[j, i] = products[i, j]
+    for k in range(6):
+        i, j = PAIRS[k, 0], PAIRS[k, 1]
+        for n in range(k, 6):
+            r, t = PAIRS[n, 0], PAIRS[n, 1]
+            value = 0.5 * (products[NUMBER[i, r], NUMBER[j, t]] + products[NUMBER[i, t], NUMBER[j, r]])
+            value += lam * inverse[k] * inverse[n]
+            value *= (1.0 if k < 3 else ROOT) * (1.0 if n < 3 else ROOT)
+            work.tangent[k, n] = value
+            work.tangent[n, k] = value
+    return True
+
+
 @njit_inner_exact
 def stress_at(material, h, plastic_strain, p, pressure, mode, work):
     """Stress at a point, with its tangent, and the state that goes with it.
@@ -302,6 +353,9 @@ def stress_at(material, h, plastic_strain, p, pressure, mode, work):
     plastic = material.multiplicative and p > 0.0
     if plastic:
         _take_plastic(m, plastic_strain, work)
+    if m == 6 and len(material.terms) == 0 and (plastic or p == 0.0):
+        if _hencky_small(material, p, pressure, mode, work):
+            return True, plastic, p, False
     eigenpairs(work.twice, m, work.values, work.vectors)
     values = work.values
     if not (values[0] > -1.0 and values[1] > -1.0 and values[2] > -1.0 and values[0] + values[1] + values[2] < np.inf):

@@ -12,8 +12,9 @@ from pcontact.material.finite import (
     stress_at,
     thickness,
 )
+from pcontact.material.log_strain import add_curvature, axes_operator, eigenpairs, slopes
 from pcontact.runtime.jit import njit
-from tests.support.finite import HENCKY, LAWS, MU, POISSON, SLOPE, YIELD, YOUNG, finite_material, twin
+from tests.support.finite import HENCKY, LAM, LAWS, MU, POISSON, SLOPE, YIELD, YOUNG, finite_material, function_of, twin
 from tests.support.plastic import mandel, tensor
 
 
@@ -110,6 +111,48 @@ def test_small_strain_has_all_its_digits(law, m):
     expected = np.diag([2.0 * MU] * m)
     expected[:3, :3] += material.small.constants[0]
     np.testing.assert_allclose(work.tangent, expected, rtol=0.0, atol=2e-11 * YOUNG)
+
+
+@pytest.mark.parametrize("size", [1e-9, 2e-3, 1e-2, 3e-2, 0.2])
+def test_small_strains_without_axes(size):
+    """Of bodies that have turned, stress and tangent are those along the axes, whatever rule is taken."""
+    rng, work, material, lam, mu = np.random.default_rng(8), point_work(6), finite_material("hencky"), LAM, MU
+    for _ in range(5):
+        turn = np.linalg.qr(rng.standard_normal((3, 3)))[0]
+        turn *= np.linalg.det(turn)
+        stretch = size * rng.standard_normal((3, 3))
+        stretch = 0.5 * (stretch + stretch.T)
+        twice = stretch + stretch.T + stretch.T @ stretch
+        assert evaluate(material, turn @ (np.eye(3) + stretch) - np.eye(3), np.zeros(6), 0.0, 0.7, CONSISTENT, work)[0]
+        values, vectors, axes, f = np.zeros(3), np.zeros((3, 3)), np.zeros((6, 6)), np.zeros(6)
+        eigenpairs(twice.copy(), 6, values, vectors)
+        axes_operator(vectors, axes)
+        slopes(values, f)
+        logs, curvature = 0.5 * np.log1p(values), np.zeros((6, 6))
+        along = np.append(2.0 * mu * logs + lam * logs.sum() + 0.7, np.zeros(3))
+        add_curvature(values, along, curvature)
+        moduli = np.diag([2.0 * mu] * 6)
+        moduli[:3, :3] += lam
+        tangent = axes.T @ (f[:, None] * moduli * f + curvature) @ axes
+        stress = axes.T @ (f * along)
+        bound = 1e-13 + 1e-15 / size
+        np.testing.assert_allclose(work.stress, stress, rtol=0.0, atol=bound * np.abs(stress).max())
+        np.testing.assert_allclose(work.tangent, tangent, rtol=0.0, atol=1e-13 * np.abs(tangent).max() + bound)
+
+
+@pytest.mark.parametrize("size, flows", [(1e-4, False), (2e-3, False), (0.04, True)])
+def test_small_strains_after_flow(size, flows):
+    """On a plastic strain, near to where nothing has stress and beyond the yield stress."""
+    rng, work, material = np.random.default_rng(8), point_work(6), finite_material("multiplicative")
+    for _ in range(5):
+        plastic = tensor(mandel(0.2 * rng.standard_normal((3, 3)), 6))
+        plastic -= np.trace(plastic) / 3.0 * np.eye(3)
+        stretch = size * rng.standard_normal((3, 3))
+        f = (np.eye(3) + stretch + stretch.T) @ function_of(plastic, np.exp)
+        s, _, _, then = twin(material, f, plastic, 0.01, 6)
+        good, multiplied, p, yields = evaluate(material, f - np.eye(3), mandel(plastic, 6), 0.01, 0.0, CONSISTENT, work)
+        assert good and multiplied and yields == flows and p == pytest.approx(then, abs=1e-12)
+        np.testing.assert_allclose(work.stress, mandel(s, 6), rtol=0.0, atol=1e-11 * YOUNG * size)
 
 
 def test_plastic_strain_of_small_size_has_its_digits():
