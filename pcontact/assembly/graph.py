@@ -56,14 +56,6 @@ class Elements(NamedTuple):
 
 
 @njit
-def _count_incidence(cells, pointer):
-    """Add the number of cells at each node to ``pointer[1:]``, see :func:`node_graph`."""
-    for c in range(cells.shape[0]):
-        for a in range(cells.shape[1]):
-            pointer[cells[c, a] + 1] += 1
-
-
-@njit
 def _fill_incidence(cells, number, cursor, incidence):
     for c in range(cells.shape[0]):
         for a in range(cells.shape[1]):
@@ -118,7 +110,7 @@ def node_graph(tables, n_nodes):
     tables = [np.ascontiguousarray(t, dtype=np.int64) for t in tables]
     pointer = np.zeros(n_nodes + 1, dtype=np.int64)
     for table in tables:
-        _count_incidence(table, pointer)
+        pointer[1:] += np.bincount(table.ravel(), minlength=n_nodes)
     pointer = np.cumsum(pointer)
     incidence = Incidence(pointer, np.empty(pointer[-1], dtype=np.int32), np.empty(pointer[-1], dtype=np.int32))
     cursor = pointer[:-1].copy()
@@ -178,17 +170,6 @@ def locate_rows(ptr_a, col_a, rowptr, columns, position):
     for row in range(len(ptr_a) - 1):
         for k in range(ptr_a[row], ptr_a[row + 1]):
             position[k] = find(columns, rowptr[row], rowptr[row + 1], col_a[k])
-
-
-@njit
-def add_blocks(values, position, out):
-    """out[position[k]] += values[k] for blocks (n, d, d)."""
-    d = values.shape[1]
-    for k in range(len(position)):
-        p = position[k]
-        for a in range(d):
-            for b in range(d):
-                out[p, a, b] += values[k, a, b]
 
 
 @njit

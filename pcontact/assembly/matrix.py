@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pcontact.assembly.graph import add_blocks, add_chosen_blocks, locate_rows, merge_rows
+from pcontact.assembly.graph import add_chosen_blocks, locate_rows, merge_rows
 from pcontact.runtime.jit import njit
 from pcontact.runtime.parallel import split_by_rank
 from pcontact.runtime.petsc import MPI, PETSc, graph_of_long_rows, local_values, preallocate_sell
@@ -274,7 +274,7 @@ class OwnedRows:
         add_chosen_blocks(values, self._own_index, self._own_position, out)
         sends = {rank: values[index].reshape(-1, d * d) for rank, index in self._send_index.items()}
         for rank, part in self._exchanger(sends, np.float64, d * d).items():
-            add_blocks(part.reshape(-1, d, d), self._received_position[rank], out)
+            add_chosen_blocks(part.reshape(-1, d, d), np.arange(len(part)), self._received_position[rank], out)
         return out
 
 
@@ -398,14 +398,12 @@ def _nothing():
     """In place of a reference to values while none have been written."""
 
 
-class GlobalMatrix:
-    """Sum of two sets of block values, with supports, as a PETSc matrix.
+class ProblemMatrix:
+    """The matrix of a problem, with an operator of another type beside it where the user wants one.
 
     Parameters
     ----------
     space : pcontact.space.space.Space
-    fixed : ndarray (n_local, d) of bool
-        Prescribed components.
 
     Attributes
     ----------
@@ -415,24 +413,12 @@ class GlobalMatrix:
         What linear systems are solved with: the same, unless :meth:`choose` says otherwise.
     """
 
-    # what linear systems are solved with by default, beside AIJ: its products take half of the time
-    default = "baij"
-
-    def __init__(self, space, fixed):
-        self._space = space
-        flags = space.vector()
-        flags.setArray(fixed[space.owned_local].astype(float).ravel())
-        self._flags = flags
-        self._fixed_row = np.ascontiguousarray(fixed[space.owned_local])
-        d = space.dim
-        n, total = space.n_owned * d, space.n_dofs
+    def __init__(self, space):
+        self._space, n = space, space.n_owned * space.dim
         self.matrix = PETSc.Mat().create(comm=space.comm)
-        self.matrix.setSizes(((n, total), (n, total)), bsize=d)
+        self.matrix.setSizes(((n, space.n_dofs),) * 2, bsize=space.dim)
         self.matrix.setType("aij")
         self.operator, self._beside = self.matrix, None
-        self._rows = None
-        # the first set as it was written last: where it has not changed, only rows of the second are written
-        self._written, self._extra = _nothing, None
 
     def choose(self, kind):
         """Take a type for the operator, before there is a pattern.
@@ -447,6 +433,30 @@ class GlobalMatrix:
         else:
             self._beside = Operator(self.matrix, kind)
             self.operator = self._beside.matrix
+
+
+class GlobalMatrix(ProblemMatrix):
+    """Sum of two sets of block values, with supports, as a PETSc matrix; attributes as of :class:`ProblemMatrix`.
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    fixed : ndarray (n_local, d) of bool
+        Prescribed components.
+    """
+
+    # what linear systems are solved with by default, beside AIJ: its products take half of the time
+    default = "baij"
+
+    def __init__(self, space, fixed):
+        super().__init__(space)
+        flags = space.vector()
+        flags.setArray(fixed[space.owned_local].astype(float).ravel())
+        self._flags = flags
+        self._fixed_row = np.ascontiguousarray(fixed[space.owned_local])
+        self._rows = None
+        # the first set as it was written last: where it has not changed, only rows of the second are written
+        self._written, self._extra = _nothing, None
 
     def renew(self, first, second):
         """Give the matrix the union of two patterns, unless it has it already. *Collective.*
@@ -534,7 +544,7 @@ def _diagonal_of(block_rows, placed, out):
                     out[row, i] = values[at[k], i, i]
 
 
-class ConstrainedMatrix:
+class ConstrainedMatrix(ProblemMatrix):
     """In the place of :class:`GlobalMatrix`, with rigid groups.
 
     Parameters
@@ -546,8 +556,6 @@ class ConstrainedMatrix:
 
     Attributes
     ----------
-    matrix, operator : PETSc.Mat
-        As those of a :class:`GlobalMatrix`.
     follows : ndarray (n_owned, d) of bool
         Components that follow.
 
@@ -561,12 +569,8 @@ class ConstrainedMatrix:
 
     def __init__(self, space, fixed, groups):
         self._whole, self._renewed = GlobalMatrix(space, fixed), True
-        d, n, total = space.dim, space.n_owned * space.dim, space.n_dofs
-        sizes = ((n, total), (n, total))
-        self.matrix = PETSc.Mat().create(comm=space.comm)
-        self.matrix.setSizes(sizes, bsize=d)
-        self.matrix.setType("aij")
-        self.operator, self._beside = self.matrix, None
+        super().__init__(space)
+        d, n = space.dim, space.n_owned * space.dim
         rows = [(np.arange(n), space.start * d + np.arange(n), np.ones(n))]
         self._follows = np.zeros(n, dtype=bool)
         for group in groups:
@@ -582,17 +586,8 @@ class ConstrainedMatrix:
         self.follows, self._start = self._follows.reshape(-1, d), int(space.start) * d
         order = np.lexsort((column, row))
         pointer = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=n))]).astype(PETSc.IntType)
-        self._ways = PETSc.Mat().createAIJ(
-            (sizes[0], sizes[1]), csr=(pointer, column[order].astype(PETSc.IntType), value[order]), comm=space.comm
-        )
-
-    def choose(self, kind):
-        """See :meth:`GlobalMatrix.choose`."""
-        if kind in AIJ:
-            self.matrix.setType(kind)
-        else:
-            self._beside = Operator(self.matrix, kind)
-            self.operator = self._beside.matrix
+        csr = pointer, column[order].astype(PETSc.IntType), value[order]
+        self._ways = PETSc.Mat().createAIJ(self.matrix.getSizes(), csr=csr, comm=space.comm)
 
     def renew(self, first, second):
         """See :meth:`GlobalMatrix.renew`. *Collective.*"""

@@ -162,11 +162,37 @@ MULTIGRID = ("gamg", "hypre", "ml", "mg")
 PREFIX = "contact_filter_"
 
 
-class DirectSolve:
-    """LU factors of the rows and columns of a matrix that some ranks name, on those ranks alone.
+def factorised(matrix, prefix, spare=None):
+    """The factors of a matrix: MUMPS' where PETSc has it, else each rank's own of the whole. *Collective.*
 
-    MUMPS where PETSc has it; otherwise each of the ranks factorises the whole of it.
+    Parameters
+    ----------
+    matrix : PETSc.Mat
+    prefix : str
+        Of the options.
+    spare : int, optional
+        [%] Of the work space, that MUMPS adds to its estimate; absent: its own.
+
+    Returns
+    -------
+    PETSc.PC
     """
+    pc, mumps = PETSc.PC().create(comm=matrix.getComm()), has_package("mumps")
+    pc.setOptionsPrefix(prefix)
+    pc.setOperators(matrix, matrix)
+    pc.setType("lu" if mumps or matrix.getComm().size == 1 else "redundant")
+    if mumps:
+        pc.setFactorSolverType("mumps")
+    if mumps and spare is not None:
+        pc.setFactorSetUpSolverType()
+        pc.getFactorMatrix().setMumpsIcntl(14, spare)
+    pc.setFromOptions()
+    pc.setUp()
+    return pc
+
+
+class DirectSolve:
+    """LU factors of the rows and columns of a matrix that some ranks name, on those ranks alone."""
 
     def __init__(self):
         self._ranks, self._comm, self._parts = None, None, []
@@ -196,7 +222,8 @@ class DirectSolve:
         self._share(comm, counts > 0)
         if len(rows):
             if not self._ranks.all():
-                part = _on_some_ranks(part, self._comm)
+                # the other ranks have no rows
+                part = PETSc.Mat().createAIJ(part.getSizes(), csr=part.getValuesCSR(), comm=self._comm)
             self._set_up(part)
         return int(counts.sum())
 
@@ -210,17 +237,7 @@ class DirectSolve:
             self._comm = comm.Split(0 if chosen[comm.rank] else 1, comm.rank)
 
     def _set_up(self, part):
-        pc = PETSc.PC().create(comm=self._comm)
-        pc.setOptionsPrefix(PREFIX)
-        pc.setOperators(part, part)
-        mumps = has_package("mumps")
-        pc.setType("lu" if mumps or self._comm.size == 1 else "redundant")
-        if mumps:
-            pc.setFactorSolverType("mumps")
-            pc.setFactorSetUpSolverType()
-            pc.getFactorMatrix().setMumpsIcntl(14, MUMPS_SPARE)
-        pc.setFromOptions()
-        pc.setUp()
+        pc = factorised(part, PREFIX, MUMPS_SPARE)
         self._parts = [pc, part, part.createVecRight(), part.createVecLeft()]
 
     def correct(self, residual, solution):
@@ -248,12 +265,6 @@ class DirectSolve:
         if self._ranks is not None and not self._ranks.all():
             self._comm.Free()
         self._ranks, self._comm = None, None
-
-
-def _on_some_ranks(matrix, comm):
-    """A matrix whose other ranks have no rows, on a communicator without them."""
-    n, total = matrix.getLocalSize()[0], matrix.getSize()[0]
-    return PETSc.Mat().createAIJ(((n, total), (n, total)), csr=matrix.getValuesCSR(), comm=comm)
 
 
 class ContactPreconditioner:
@@ -465,13 +476,10 @@ class Deflation(ContactPreconditioner):
     def detach(self, ksp):
         """Leave the inner preconditioner with the Krylov method. *Collective.*"""
         ksp.setPC(self.inner)
-        self._release()
+        self.free()
 
     def free(self):
         """Give the coarse solver back. *Collective.*"""
-        self._release()
-
-    def _release(self):
         if self._solver is not None:
             self._solver.destroy()
         self._solver = None
@@ -481,21 +489,13 @@ class Deflation(ContactPreconditioner):
         matrix, other = pc.getOperators()
         self.inner.setOperators(matrix, other)
         self.inner.setUp()
-        self._release()
+        self.free()
         self._matrix = matrix
         moved = other.matMult(self._basis)
         coarse = self._basis.transposeMatMult(moved)
         moved.destroy()
-        solver = PETSc.PC().create(comm=other.getComm())
-        solver.setOptionsPrefix(BODIES_PREFIX)
-        solver.setOperators(coarse, coarse)
-        mumps = has_package("mumps")
-        solver.setType("lu" if mumps or other.getComm().size == 1 else "redundant")
-        if mumps:
-            solver.setFactorSolverType("mumps")
-        solver.setFromOptions()
-        solver.setUp()
-        self._solver, self._b, self._x = solver, coarse.createVecLeft(), coarse.createVecRight()
+        self._solver = factorised(coarse, BODIES_PREFIX)
+        self._b, self._x = coarse.createVecLeft(), coarse.createVecRight()
         self._rest, self._step = other.createVecLeft(), other.createVecRight()
 
     def apply(self, pc, residual, solution):

@@ -221,16 +221,6 @@ def free_motions(space, supports, springs=()):
     return free
 
 
-def floating(space, supports):
-    """Components that the supports do not hold, with the number of rigid modes left. *Collective.*
-
-    Returns
-    -------
-    dict of int to int
-    """
-    return {k: len(motions) for k, motions in free_motions(space, supports).items()}
-
-
 class RigidBodies:
     """Rigid motions of some bodies, orthonormal in a weighted mean square. *Collective.*
 

@@ -7,10 +7,10 @@ Which facet wins. Facets are visited in the order of their distance. Those that 
 >= facing, never win, and never hide a farther one. Among accepted facets whose distances agree to 1e-10 of
 the facet size, a projection inside its facet is preferred to one held at an edge, that to one held at a corner, and
 of two inside the one that hangs less over its border; then the nearer one as far as rounding tells, then the smallest
-global facet number. The outcome depends neither on the order of the facets nor, through `better`, on how they are
-spread over ranks, nor, but for rounding, on their numbers. Facets that meet in the nearest point give the same
-partner, whichever has the smaller number; it decides between different points only where a point is exactly as far
-from the insides of two facets.
+global facet number. The outcome depends neither on the order of the facets nor, by the same rule between ranks
+(`pcontact.contact.search.partners`), on how they are spread, nor, but for rounding, on their numbers. Facets that meet
+in the nearest point give the same partner, whichever has the smaller number; it decides between different points only
+where a point is exactly as far from the insides of two facets.
 
 Normals of the projection. Inside a facet n = -nY. At an edge or corner (the offset has a part tangential to
 the facet of more than 1e-9 of its size) n is along the offset y - x: from the point to the surface when the
@@ -830,7 +830,7 @@ class TargetFacets(NamedTuple):
         Facets that may be partners; None: all. The others take part in the decisions about edges and corners, and hide
         what is behind them where a point projects inside of them: they are its partners for those who own them. A rank
         that is also given the neighbours of its facets (those that share a node) decides as if it had them all, and
-        `projection.better` of all ranks is then exactly the search in the whole surface.
+        the best partner of all ranks is then exactly that of the search in the whole surface.
     cones : pcontact.contact.search.tree.Cones or None
         Of these facets and these places: facets that can hold no partner are left out early, and partners stay the
         same.
@@ -910,7 +910,7 @@ class Projections(NamedTuple):
     candidates : (np,) int64
         Facets tried; depends on the shape of the tree, hence on the order of the facets.
     size : (np,) float64
-        Size of the facet (diagonal of its box) [length]: the scale of the tolerances in `better`.
+        Size of the facet (diagonal of its box) [length]: the scale of the tolerances.
     held : (np,) float64
         Inside of its facet: how far it hangs over the border, over the facet's size, or how far the ray passes beyond
         it, in reference coordinates; `EDGE` or `CORNER` where it is held there.
@@ -986,36 +986,6 @@ def ray_tracing(target, query, facing=FACING, exclusion=None, opposite=False):
     abs(g); a ray that meets the surface is not beside its border. Cones tell nothing here.
     """
     return _search(target, query, Criteria(True, float(facing), bool(opposite)), exclusion)
-
-
-def better(a, b):
-    """Merge what two searches over different facets found for the same points; the rule of the module's head.
-
-    A projection to an edge or corner is decided from the facets that share it. Where these are spread over
-    searches that did not know them as neighbours (`own` of `TargetFacets`), each decided from its part of
-    them: no mean normal can be formed here, and the rule for ties chooses one of the results.
-
-    Parameters
-    ----------
-    a, b : Projections
-        For the same points in the same order.
-
-    Returns
-    -------
-    Projections
-        `facet` still counts within the search that found it; `id` tells facets exclusion. `candidates` are
-        summed.
-    """
-    offset = np.maximum(np.abs(a.y), np.abs(b.y)).max(axis=1, initial=0.0)
-    tie = TIE * np.maximum(a.size, b.size) + ROUNDING * offset
-    nearest = np.minimum(a.distance, b.distance) + tie
-    tied_a, tied_b = a.distance <= nearest, b.distance <= nearest
-    even = EVEN * (nearest + 0.1 * np.maximum(a.size, b.size)) + ROUNDING * offset
-    by_distance = (b.distance > a.distance + even) | ((a.distance <= b.distance + even) & (a.id <= b.id))
-    first = np.where(a.held == b.held, by_distance, a.held < b.held)
-    take = np.where(tied_a & tied_b, first, tied_a)
-    merged = [np.where(take[:, None] if u.ndim == 2 else take, u, v) for u, v in zip(a, b, strict=True)]
-    return Projections(*merged)._replace(candidates=a.candidates + b.candidates)
 
 
 def _search(target, query, criteria, exclusion):

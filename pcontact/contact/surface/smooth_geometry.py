@@ -39,6 +39,7 @@ from pcontact.contact.surface.vertex_normals import (
     sharpness,
 )
 from pcontact.element.reference import CELLS, facet_nodes, n_nodes, reference_nodes, shape
+from pcontact.mesh.mesh import bounding_box
 from pcontact.runtime.petsc import MPI
 
 # layers of facets of other ranks: two that the fits see, one that tells whether edges of these are smooth
@@ -266,10 +267,8 @@ def _with_neighbours(space, own):
 
 def _is_plane(comm, normals):
     """Return True if facets of all ranks have one normal. *Collective.*"""
-    spread = np.concatenate([normals.min(axis=0, initial=np.inf), -normals.max(axis=0, initial=-np.inf)])
-    comm.Allreduce(MPI.IN_PLACE, spread, op=MPI.MIN)
-    low, high = np.split(spread, 2)
-    return not np.any(-high - low > 0.5 * FLAT)
+    low, high = bounding_box(comm, normals)
+    return not np.any(high - low > 0.5 * FLAT)
 
 
 def _facets_of(space, name):

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact.contact.surface.sides import tangents_of
+from pcontact.mesh.topology import merged
 
 # largest angle between the normals of two facets of a smooth surface [rad]
 EDGE = np.deg2rad(40.0)
@@ -130,24 +131,14 @@ def _smooth(facet, angle):
 def _fans(facets, rows, corner, pairs):
     """Number (nf, m) of the smooth vertex of every corner, from pairs (n, 2) of slots that share a smooth edge."""
     nf, m = facets.nodes.shape
-    label, (a, b) = np.arange(nf * m), pairs.T
-    links = []
+    (a, b), links = pairs.T, []
     for i in range(corner.shape[1]):
         one = rows[a] * m + corner[a, i]
         for j in range(corner.shape[1]):
             other = rows[b] * m + corner[b, j]
             same = facets.nodes.ravel()[one] == facets.nodes.ravel()[other]
             links.append(np.column_stack([one, other])[same])
-    one, other = np.concatenate(links).T
-    while True:
-        least = np.minimum(label[one], label[other])
-        before = label.copy()
-        np.minimum.at(label, one, least)
-        np.minimum.at(label, other, least)
-        label = label[label]
-        if np.array_equal(label, before):
-            break
-    label = label.reshape(nf, m)
+    label = merged(nf * m, np.concatenate(links)).reshape(nf, m)
     # the fourth corner of a triangle is its first
     label = np.where(np.arange(m) < facets.count[:, None], label, label[:, :1])
     _, number = np.unique(label, return_inverse=True)

@@ -16,7 +16,7 @@ from pcontact.runtime.petsc import MPI, PETSc
 from pcontact.scene.amplitude import amplitude
 from pcontact.scene.model import Contact, Displacement
 from pcontact.solve.problem import Problem
-from pcontact.space.modes import floating, near_null_space, rigid_modes
+from pcontact.space.modes import free_motions, near_null_space, rigid_modes
 from pcontact.space.supports import Supports
 from tests.support.small import (
     DIMENSION,
@@ -296,6 +296,11 @@ def test_near_null_space(both, colours):
 
 
 @parallel
+def floating(space, supports):
+    """Bodies that the supports do not hold, with the number of rigid modes left."""
+    return {k: len(motions) for k, motions in free_motions(space, supports).items()}
+
+
 def test_floating_bodies(both):
     """How many rigid modes are left, for supports from none to all."""
     space, _ = both

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from pcontact.contact.search.partners import nearest_box
+from pcontact.contact.search.partners import _best, nearest_box
 from pcontact.contact.search.projection import (
     FACING,
     NO_ID,
+    Projections,
     QueryPoints,
     TargetFacets,
-    better,
     closest_points,
     no_projections,
     ray_tracing,
@@ -47,6 +47,16 @@ def search(
     normals = np.ascontiguousarray(np.broadcast_to(normals, points.shape))
     target = TargetFacets(surface_tree(x, kinds), x, kinds, ids, own)
     return method(target, QueryPoints(points, normals, radius), facing, **said)
+
+
+def better(a, b):
+    """What two searches over different facets found for the same points, merged as that of ranks is."""
+    each, n = Projections(*(np.concatenate(pair) for pair in zip(a, b, strict=True))), len(a.facet)
+    rows = np.flatnonzero(each.facet >= 0)
+    answers = np.column_stack([each.id, each.distance, each.gap, each.held, each.size, each.y])[rows]
+    winner = _best(rows % max(n, 1), answers, n, each.y.shape[1])
+    chosen = np.where(winner >= 0, np.append(rows, 0)[winner], np.arange(n))
+    return Projections(*(part[chosen] for part in each))._replace(candidates=a.candidates + b.candidates)
 
 
 def random_facet(kind, rng, bend=0.15):
