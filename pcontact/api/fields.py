@@ -60,7 +60,7 @@ class Fields:
         numbers = point_data.pop(NODE_NUMBER)
         cell_data = {name: np.concatenate(arrays) for name, arrays in piece.cell_data.items()}
         for name, cloud in taken.points.items():
-            contacts[name] = {"x": cloud.points, **cloud.data, "number": taken.point_numbers[name]}
+            contacts[name] = {"x": cloud.points, **cloud.point_data, "number": taken.point_numbers[name]}
         found = cls(
             taken.number, taken.time, piece.points, list(piece.cells),
             (numbers, np.concatenate(taken.cell_numbers), point_data, cell_data), contacts,

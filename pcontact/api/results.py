@@ -305,7 +305,7 @@ def _loaded(directory: Path, step: int) -> Fields:
     def cut(name: str, array: np.ndarray) -> np.ndarray:
         return array[:, :d] if array.ndim == 2 and array.shape[1] == 3 and d == 2 else array
 
-    contacts = {name: {"x": cloud.points[:, :d], **{key: cut(key, array) for key, array in cloud.data.items()}}
+    contacts = {name: {"x": cloud.points[:, :d], **{key: cut(key, array) for key, array in cloud.point_data.items()}}
                 for name, cloud in result.points.items()}  # fmt: skip
     point_data = {name: cut(name, array) for name, array in bodies.point_data.items()}
     cell_data = {name: np.concatenate(arrays) for name, arrays in bodies.cell_data.items()}

@@ -20,7 +20,7 @@ same as in the step before is not written again: the file has links to that of t
 import os
 import re
 import zlib
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import h5py
@@ -136,7 +136,7 @@ def _arrays(grid, before, rank):
 
 @dataclass
 class Piece:
-    """One rank's part of a mesh with its fields.
+    """One rank's part of a mesh, or points without cells, with their fields.
 
     Parameters
     ----------
@@ -154,22 +154,6 @@ class Piece:
     cells: list = field(default_factory=list)
     point_data: dict = field(default_factory=dict)
     cell_data: dict = field(default_factory=dict)
-
-
-@dataclass
-class Cloud:
-    """One rank's quadrature points of a contact pair.
-
-    Parameters
-    ----------
-    points : ndarray (n, 2) or (n, 3)
-        Coordinates in the reference state [length].
-    data : dict of str to ndarray (n,) or (n, k)
-        Values at the points.
-    """
-
-    points: np.ndarray
-    data: dict = field(default_factory=dict)
 
 
 def agree(comm, grids):
@@ -203,7 +187,8 @@ def grids_of(bodies, surfaces, points):
     ----------
     bodies : Piece
     surfaces : dict of str to Piece
-    points : dict of str to Cloud
+    points : dict of str to Piece
+        Quadrature points, without cells.
 
     Returns
     -------
@@ -221,7 +206,7 @@ def grids_of(bodies, surfaces, points):
     for name, cloud in points.items():
         # cells of one node: ParaView draws cells, not bare points
         cells = [("vertex", np.arange(len(cloud.points)).reshape(-1, 1))]
-        grids["points", name] = grid_of(Piece(cloud.points, cells, cloud.data, {}), f"points of {name!r}")
+        grids["points", name] = grid_of(replace(cloud, cells=cells), f"points of {name!r}")
     return grids
 
 
@@ -358,7 +343,7 @@ class FieldWriter:
     def write(self, step, time, bodies, surfaces=None, points=None):
         """Write one step. *Collective.*
 
-        A rank that owns nothing of a part gives an empty `Piece` or `Cloud`, or leaves its key out.
+        A rank that owns nothing of a part gives an empty `Piece`, or leaves its key out.
 
         Parameters
         ----------
@@ -370,8 +355,8 @@ class FieldWriter:
             The cells this rank owns.
         surfaces : dict of str to Piece
             The facets of each contact pair that this rank owns.
-        points : dict of str to Cloud
-            The quadrature points of each contact pair that this rank owns.
+        points : dict of str to Piece
+            The quadrature points of each contact pair that this rank owns, without cells.
 
         Raises
         ------

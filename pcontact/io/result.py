@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from pcontact.io import vtu
-from pcontact.io.fields import INDICES, NODE_NUMBER, Cloud, Piece, read_step
+from pcontact.io.fields import INDICES, NODE_NUMBER, Piece, read_step
 from pcontact.mesh.raw import distinct
 from pcontact.runtime.errors import InputError
 
@@ -28,7 +28,7 @@ class Result:
         All bodies; points (n, 3), those that ranks share are joined.
     surfaces : dict of str to Piece
         The facets of each contact pair.
-    points : dict of str to Cloud
+    points : dict of str to Piece
         The quadrature points of each contact pair.
     """
 
@@ -75,11 +75,8 @@ def load_result(directory, step=-1):
     time = times[number]
     bodies = [join_points(_piece(grid)) for (group, _), grid in grids.items() if group == "bodies"]
     surfaces = {name: _piece(grid) for (group, name), grid in grids.items() if group == "surfaces"}
-    clouds = {
-        name: Cloud(grid.points, grid.point_data)
-        for (group, name), grid in grids.items()
-        if group == "points"
-    }
+    clouds = {name: Piece(grid.points, [], grid.point_data)
+              for (group, name), grid in grids.items() if group == "points"}  # fmt: skip
     return Result(directory, time, times[begins:], bodies[0] if bodies else Piece(np.zeros((0, 3))), surfaces, clouds)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from pcontact.contact.law import OPEN, SLIP, STICK
 from pcontact.element.reference import MESHIO_NAMES
-from pcontact.io.fields import NODE_NUMBER, Cloud, Piece
+from pcontact.io.fields import NODE_NUMBER, Piece
 from pcontact.io.names import BEGIN
 from pcontact.io.vtu import CELL_TYPES, STORED
 from pcontact.material.elastic import equivalent_stress
@@ -150,7 +150,7 @@ class Taken(NamedTuple):
         Of the cells of each block, the same on any ranks.
     surfaces : dict of str to Piece
         The source facets of each contact pair.
-    points : dict of str to pcontact.io.fields.Cloud
+    points : dict of str to Piece
         Its quadrature points.
     point_numbers : dict of str to ndarray (np,)
         Numbers of these, the same on any ranks.
@@ -214,7 +214,7 @@ class Snapshot(Observer):
         for contact in self._problem.contacts:
             piece, cloud = self._contact(contact, start)
             surfaces[contact.name] = replace(piece, cell_data=_begun(piece.cell_data))
-            points[contact.name] = replace(cloud, data=_begun(cloud.data))
+            points[contact.name] = replace(cloud, point_data=_begun(cloud.point_data))
         return taken._replace(number=0, bodies=bodies, surfaces=surfaces, points=points)
 
     def _bodies(self, u):
@@ -291,4 +291,4 @@ def _begun(data):
 
 def _cloud(state, displacement, more):
     keys = ("pressure", "gap", "traction", "normal", "status", "weight", "paired", *more)
-    return Cloud(state["x"], {"displacement": displacement, **{key: state[key] for key in keys}})
+    return Piece(state["x"], [], {"displacement": displacement, **{key: state[key] for key in keys}})

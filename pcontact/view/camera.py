@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcontact.io.fields import Cloud
 from pcontact.view import cells
 
 _AXES = np.eye(3)
@@ -119,7 +118,7 @@ def deformation_scale(result):
         return 1.0
     size = np.linalg.norm(np.ptp(result.bodies.points, axis=0))
     largest = np.linalg.norm(displacement, axis=1).max()
-    met = [cloud.data for cloud in result.points.values() if "gap" in cloud.data]
+    met = [cloud.point_data for cloud in result.points.values() if "gap" in cloud.point_data]
     # where there is no partner the gap is not known
     gaps = np.concatenate([np.zeros(1), *(data["gap"][data.get("paired", data["gap"] * 0 + 1) > 0] for data in met)])
     if not 0 < largest < 0.01 * size or np.nanmax(gaps) > 0.5 * largest:
@@ -134,7 +133,7 @@ def deformed(piece, scale):
 
     Parameters
     ----------
-    piece : Piece or Cloud
+    piece : Piece
     scale : float
         Factor of the displacement.
 
@@ -142,8 +141,7 @@ def deformed(piece, scale):
     -------
     ndarray (n, 3)
     """
-    data = piece.data if isinstance(piece, Cloud) else piece.point_data
-    return piece.points + scale * data.get("displacement", np.zeros(3))
+    return piece.points + scale * piece.point_data.get("displacement", np.zeros(3))
 
 
 def contact_patch(surfaces, positions):

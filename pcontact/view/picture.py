@@ -390,8 +390,8 @@ class _Row:
     def _is_magnitude(self):
         """Return whether the quantity is the length of a vector."""
         result = self.stage.result
-        data = [result.bodies.point_data, *(cloud.data for cloud in result.points.values())]
-        return any(np.ndim(part.get(self.quantity.name, 0.0)) == 2 for part in data)
+        pieces = [result.bodies, *result.points.values()]
+        return any(np.ndim(one.point_data.get(self.quantity.name, 0.0)) == 2 for one in pieces)
 
     def _colour_bar(self):
         """The colours and what they mean."""

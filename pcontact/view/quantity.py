@@ -67,6 +67,7 @@ def _arrays(result):
     pieces = [
         ("bodies", "", result.bodies),
         *(("surfaces", name, piece) for name, piece in result.surfaces.items()),
+        *(("points", name, piece) for name, piece in result.points.items()),
     ]
     for place, part, piece in pieces:
         for name, blocks in piece.cell_data.items():
@@ -74,9 +75,6 @@ def _arrays(result):
                 places[place, "cell"].setdefault(name, {})[part] = np.concatenate(blocks)
         for name, array in piece.point_data.items():
             places[place, "point"].setdefault(name, {})[part] = array
-    for part, cloud in result.points.items():
-        for name, array in cloud.data.items():
-            places["points", "point"].setdefault(name, {})[part] = array
     return places
 
 

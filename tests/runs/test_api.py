@@ -184,7 +184,7 @@ def test_fields_are_those_of_the_files(on_ranks):
     np.testing.assert_array_equal(written.bodies.point_data["displacement"][nodes[order]][..., :2], moved)
     cloud = written.points["pair"]
     for name in ("pressure", "gap", "traction"):
-        shown = cloud.data[name][..., :2] if cloud.data[name].ndim == 2 else cloud.data[name]
+        shown = cloud.point_data[name][..., :2] if cloud.point_data[name].ndim == 2 else cloud.point_data[name]
         np.testing.assert_array_equal(np.sort(shown, axis=0), np.sort(np.array(fields[f"pair.{name}"]), axis=0))
 
 

@@ -68,7 +68,7 @@ def test_a_block_that_is_drawn(shared_tmp, strain):
     assert last["facets"] == 4
     found = load_result(shared_tmp / "out")
     for name in ("slip", "slip_total", "wear_per_coefficient"):
-        top = np.max(found.points["floor"].data[name])
+        top = np.max(found.points["floor"].point_data[name])
         assert top == pytest.approx(last[f"max_{name}"], rel=1e-5) and name in found.surfaces["floor"].cell_data
     top = steps[-1]["largest"]
     assert top["displacement"]["body"] == "block" and top["displacement"]["place"][1] == 1.0

@@ -10,7 +10,7 @@ from mpi4py import MPI
 
 import pcontact as pc
 from pcontact.io import vtu
-from pcontact.io.fields import Cloud, FieldWriter, Piece, grid_of
+from pcontact.io.fields import FieldWriter, Piece, grid_of
 from pcontact.io.names import FIELDS, known
 from pcontact.io.result import load_result
 from pcontact.io.snapshot import facet_status
@@ -45,7 +45,7 @@ def test_fields_are_read_back_whole_from_all_ranks(shared_tmp):
         {},
         {"contact_pressure": [[1.0 + COMM.rank]]},
     )
-    cloud = Cloud(np.full((COMM.rank + 1, 3), float(COMM.rank)), {"pressure": np.arange(COMM.rank + 1.0)})
+    cloud = Piece(np.full((COMM.rank + 1, 3), float(COMM.rank)), [], {"pressure": np.arange(COMM.rank + 1.0)})
     for step, time in ((1, 0.5), (2, 1.0)):
         writer.write(step, time, stack_piece(COMM.rank), {"ball / block": surface}, {"ball / block": cloud})
     result = load_result(shared_tmp)
@@ -78,7 +78,7 @@ def test_ranks_without_cells_keep_the_arrays_consistent(shared_tmp):
         if COMM.rank == last
         else {}
     )
-    nowhere = Cloud(np.zeros((0, 2)), {"traction": np.zeros((0, 2)), "status": np.zeros(0, dtype=np.int64)})
+    nowhere = Piece(np.zeros((0, 2)), [], {"traction": np.zeros((0, 2)), "status": np.zeros(0, dtype=np.int64)})
     bodies = (
         stack_piece(COMM.rank) if own else Piece(np.zeros((0, 3)), [], {"displacement": np.zeros((0, 3))})
     )
@@ -86,8 +86,8 @@ def test_ranks_without_cells_keep_the_arrays_consistent(shared_tmp):
     result = load_result(shared_tmp)
     assert sum(len(nodes) for _, nodes in result.bodies.cells) == 2 * max(last, 1)
     assert result.surfaces["pair"].cell_data["gap"][0] == 0.5
-    assert result.points["pair"].data["traction"].shape == (0, 3)
-    assert result.points["pair"].data["status"].dtype == np.int64
+    assert result.points["pair"].point_data["traction"].shape == (0, 3)
+    assert result.points["pair"].point_data["status"].dtype == np.int64
     for index in (shared_tmp / "fields").glob("*.pvtu"):
         root = ElementTree.parse(index).getroot()
         for section in ("PointData", "CellData"):
@@ -197,7 +197,7 @@ def appended(path):
 
 def test_fields_of_older_versions_are_read(tmp_path):
     writer = FieldWriter(tmp_path, MPI.COMM_SELF)
-    writer.write(1, 1.0, stack_piece(0), {}, {"p": Cloud(np.zeros((0, 3)), {"gap": np.zeros(0)})})
+    writer.write(1, 1.0, stack_piece(0), {}, {"p": Piece(np.zeros((0, 3)), [], {"gap": np.zeros(0)})})
     now = load_result(tmp_path)
     for path in (tmp_path / "fields").glob("*.vtu"):
         appended(path)
@@ -207,13 +207,13 @@ def test_fields_of_older_versions_are_read(tmp_path):
     for name, arrays in now.bodies.cell_data.items():
         for one, other in zip(arrays, then.bodies.cell_data[name], strict=True):
             np.testing.assert_array_equal(one, other)
-    assert then.points["p"].data["gap"].shape == (0,)
+    assert then.points["p"].point_data["gap"].shape == (0,)
 
 
 def test_vtk_reads_the_fields(tmp_path):
     """Against ParaView's own reader, where it is installed."""
     vtk = pytest.importorskip("vtk")
-    FieldWriter(tmp_path, MPI.COMM_SELF).write(1, 1.0, stack_piece(2), {}, {"p": Cloud(np.zeros((0, 3)))})
+    FieldWriter(tmp_path, MPI.COMM_SELF).write(1, 1.0, stack_piece(2), {}, {"p": Piece(np.zeros((0, 3)))})
     reader = vtk.vtkXMLPUnstructuredGridReader()
     for name, cells in (("bodies", 2), ("points_p", 0)):
         reader.SetFileName(str(tmp_path / "fields" / f"{name}_000001.pvtu"))
@@ -299,9 +299,9 @@ def _moved_and_undeformed(run, order):
         (surface,), (cloud,) = result.surfaces.values(), result.points.values()
         # one facet, of the upper body
         assert len(surface.points) == order + 1 and surface.cells[0][1].max() == order
-        for piece, data in ((surface, surface.point_data), (cloud, cloud.data)):
+        for piece, data in ((surface, surface.point_data), (cloud, cloud.point_data)):
             np.testing.assert_allclose(data["displacement"], [[0.0, motion, 0.0]] * len(piece.points), atol=1e-6)
-        np.testing.assert_allclose(cloud.data["gap"], motion, atol=1e-6)
+        np.testing.assert_allclose(cloud.point_data["gap"], motion, atol=1e-6)
         assert np.abs(result.bodies.point_data["displacement"]).max() == pytest.approx(motion, abs=1e-6)
     assert not np.concatenate(begin.bodies.cell_data["stress"]).any()
     with pytest.raises(InputError, match="no step 3; allowed: 1 to 2, or -1 .the last. to -2; 0: undeformed"):
@@ -334,7 +334,7 @@ def test_all_fields_are_declared(more, tmp_path):
     for piece in result.surfaces.values():
         found |= {("facets", name) for name in piece.cell_data}
     for cloud in result.points.values():
-        found |= {("points", name) for name in cloud.data}
+        found |= {("points", name) for name in cloud.point_data}
     assert found <= {(field.place, field.name) for field in FIELDS}
     without = {"a body may yield", "`smooth = true`", "`estimate = true`"}
     without = without if "mesh" in more else {"finite strain", "`slip = true`", "`[dynamics]`"}

@@ -6,7 +6,7 @@ import pytest
 from mpi4py import MPI
 
 from pcontact.io import vtu
-from pcontact.io.fields import Cloud, FieldWriter, Piece
+from pcontact.io.fields import FieldWriter, Piece
 from pcontact.io.result import load_result
 from pcontact.runtime.errors import InputError, OutputError
 from tests.support.disk import full
@@ -26,7 +26,7 @@ def fields(step, rank=COMM.rank):
     bodies = stack_piece(rank)
     bodies.point_data["displacement"] = step * bodies.point_data["displacement"]
     facet = Piece(CUBE[:4] + [0, 0, rank], [("quad", [[0, 1, 2, 3]])], {}, {"contact_pressure": [[1.0 + rank + step]]})
-    cloud = Cloud(np.full((rank + 1, 3), float(rank)), {"pressure": step + np.arange(rank + 1.0)})
+    cloud = Piece(np.full((rank + 1, 3), float(rank)), [], {"pressure": step + np.arange(rank + 1.0)})
     acts = step in (2, 3)
     return bodies, {"a / b": facet} if acts else {}, {"a / b": cloud} if acts else {}
 
@@ -47,7 +47,7 @@ def same(one, other):
             for mine, theirs in zip(a.cell_data[name], b.cell_data[name], strict=True):
                 np.testing.assert_array_equal(mine, theirs, err_msg=name)
     for name, cloud in one.points.items():
-        np.testing.assert_array_equal(cloud.data["pressure"], other.points[name].data["pressure"])
+        np.testing.assert_array_equal(cloud.point_data["pressure"], other.points[name].point_data["pressure"])
 
 
 @parallel

@@ -17,7 +17,7 @@ from matplotlib.image import imread
 from mpi4py import MPI
 from PIL import Image
 
-from pcontact.io.fields import Cloud, FieldWriter, Piece
+from pcontact.io.fields import FieldWriter, Piece
 from pcontact.io.result import Result, load_result
 from pcontact.runtime.errors import InputError
 from pcontact.view import camera, colours, extra
@@ -69,7 +69,7 @@ def two_cubes(n=3, pressed=1.0):
         {"displacement": -1e-3 * high},
         {"contact_pressure": [pressure], "status": [np.arange(count) % 3]},
     )
-    return bodies, {"pair": surface}, {"pair": Cloud(high[facets].mean(axis=1), {"pressure": pressure})}
+    return bodies, {"pair": surface}, {"pair": Piece(high[facets].mean(axis=1), [], {"pressure": pressure})}
 
 
 def plane_bodies():
@@ -82,7 +82,7 @@ def plane_bodies():
     surface = Piece(
         points[[2, 3, 6]], [("line3", [[0, 1, 2]])], {}, {"contact_pressure": [[4.0]], "gap": [[0.0]]}
     )
-    return bodies, {"top": surface}, {"top": Cloud(points[[2, 3]], {"pressure": np.array([1.0, 2.0])})}
+    return bodies, {"top": surface}, {"top": Piece(points[[2, 3]], [], {"pressure": np.array([1.0, 2.0])})}
 
 
 @pytest.fixture
@@ -243,9 +243,9 @@ def test_small_displacements_are_enlarged_large_ones_are_not(solid_run):
 def test_displacements_are_not_enlarged_where_bodies_of_different_shape_touch(solid_run):
     result = load_result(solid_run)
     largest = np.linalg.norm(result.bodies.point_data["displacement"], axis=1).max()
-    result.points["pair"].data["gap"] = np.array([np.nan, 0.0, 0.4 * largest])
+    result.points["pair"].point_data["gap"] = np.array([np.nan, 0.0, 0.4 * largest])
     assert camera.deformation_scale(result) == 50.0
-    result.points["pair"].data["gap"] = np.array([np.nan, 0.0, 10 * largest])
+    result.points["pair"].point_data["gap"] = np.array([np.nan, 0.0, 10 * largest])
     assert camera.deformation_scale(result) == 1.0
 
 
