@@ -35,14 +35,11 @@ def equations(deck, findings, groups, supports, dim):
     supports : pcontact.importer.supports.Supports
     dim : int
 
-    Returns
-    -------
-    list of (dict, Card)
+    Yields
+    ------
+    dict, Card
     """
-    tables = []
-    for card in [*deck.model, *(card for step in deck.steps for card in step.cards)]:
-        if card.key != "EQUATION":
-            continue
+    for card in _cards(deck):
         findings.know(card, "INPUT", "REMOVE")
         if card.parameters:
             findings.leave(card, "allowed: the terms of equations, without parameters")
@@ -51,8 +48,14 @@ def equations(deck, findings, groups, supports, dim):
         for place, terms in read_equations(card):
             for row in _one_by_one(deck, card, place, terms):
                 table = _table(findings, card, place, row, (groups, supports, dim))
-                tables += [] if table is None else [(table, card)]
-    return tables
+                if table is not None:
+                    yield table, card
+
+
+def _cards(deck):
+    """All cards of equations."""
+    return [card for card in (*deck.model, *(card for step in deck.steps for card in step.cards))
+            if card.key == "EQUATION"]  # fmt: skip
 
 
 def read_equations(card):
@@ -75,12 +78,9 @@ def read_equations(card):
 
 def equated(deck):
     """Nodes of all equations of a deck."""
-    found = set()
-    for card in [*deck.model, *(card for step in deck.steps for card in step.cards)]:
-        if card.key == "EQUATION" and not card.parameters:
-            found |= {node for place, terms in read_equations(card) for word, *_ in terms
-                      for node in deck.nodes_of(card, place, word)}  # fmt: skip
-    return found
+    return {node for card in _cards(deck) if not card.parameters
+            for place, terms in read_equations(card) for word, *_ in terms
+            for node in deck.nodes_of(card, place, word)}  # fmt: skip
 
 
 def _one_by_one(deck, card, place, terms):
@@ -117,7 +117,6 @@ class Cyclic:
 
     def tables(self):
         """Tables [[periodic]], with the card that each comes from."""
-        found = []
         for card in self.deck.model:
             if card.key != "TIE" or "CYCLICSYMMETRY" not in card.parameters:
                 continue
@@ -128,8 +127,8 @@ class Cyclic:
             self.findings.know(model, "N", "NGRAPH", "TIE", "ELSET")
             for place, words in card.rows:
                 table = self._table(card, model, place, words)
-                found += [] if table is None else [(table, card)]
-        return found
+                if table is not None:
+                    yield table, card
 
     def _nodes(self, card, place, word):
         surface = self.deck.surface_of(card, place, word)
@@ -223,11 +222,10 @@ class Pretensions:
         phases : sequence of str
             Names of the phases, a step each.
 
-        Returns
-        -------
-        list of (dict, Card)
+        Yields
+        ------
+        dict, Card
         """
-        found = []
         for node, (card, surface) in self.sections.items():
             kinds = {"force": supports.forces, "shortening": supports.held}
             histories = {key: of.histories.pop((node, ALONG), None) for key, of in kinds.items()}
@@ -244,10 +242,8 @@ class Pretensions:
             most = 0.0 if history is None else history.most
             one = {"region": self.groups.add("facets", surface.name, surface.faces)}
             one[key] = self._sign(card, surface) * most
-            one |= amplitude_key(None if history is None else history.amplitude(end))
             self.findings.take(card)
-            found.append((one, card))
-        return found
+            yield one | amplitude_key(None if history is None else history.amplitude(end)), card
 
 
 @dataclass(eq=False)

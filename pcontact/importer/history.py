@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass, field
 
+import numpy as np
+
 # steps that begin where the last one has ended: part of a period in which a value jumps
 JUMP = 1e-6
 
@@ -23,13 +25,7 @@ class Amplitude:
 
     def at(self, time):
         """The factor at a time: linear between the points, constant beyond."""
-        points = self.points
-        if time <= points[0][0]:
-            return points[0][1]
-        for (t0, f0), (t1, f1) in zip(points, points[1:], strict=False):
-            if time <= t1:
-                return f0 + (f1 - f0) * (time - t0) / (t1 - t0)
-        return points[-1][1]
+        return float(np.interp(time, *zip(*self.points, strict=True)))
 
 
 @dataclass

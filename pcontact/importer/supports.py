@@ -354,7 +354,6 @@ class Supports:
             table = factors(points, most, end)
             key = frozenset(nodes), table, most == 0.0, steps
             merged.setdefault(key, (nodes, {}))[1][dof] = most
-        tables = []
         for (_, table, _, steps), (nodes, values) in merged.items():
             cards = {self.card_of[n, dof] for n in nodes for dof in values}
             name = groups.add("nodes", self._name(nodes, "support"), nodes)
@@ -363,10 +362,7 @@ class Supports:
                 one["phases"] = [phases[k] for k in steps]
                 if steps[0] > 0:
                     one["absolute"] = True
-            one |= amplitude_key(table)
-            card = min(cards, key=lambda card: card.place)
-            tables.append((one, card))
-        return tables
+            yield one | amplitude_key(table), min(cards, key=lambda card: card.place)
 
     def _name(self, nodes, word):
         """Name of the set of just these nodes, or of none."""
@@ -457,26 +453,21 @@ class Supports:
         for key, history in self.pressures.histories.items():
             if history.most != 0.0:
                 classes.setdefault(history.key(), []).append(key)
-        tables = []
         for points, members in classes.items():
             most = max((value for _, value in points), key=abs)
             one = {"region": groups.add("facets", self._surface(members), members), "pressure": most}
             one |= amplitude_key(factors(points, most, end))
             if self.follower:
                 one["follower"] = True
-            tables.append((one, self.pressures.now[members[0]].card))
-        return tables
+            yield one, self.pressures.now[members[0]].card
 
     def _tractions(self, groups, end):
-        tables = []
         for (name, way), history in self.tractions.histories.items():
             if history.most == 0.0:
                 continue
             region = groups.add("facets", name, self.deck.surfaces[name.upper()].faces)
             one = {"region": region, "traction": [history.most * x for x in way[: self.dim]]}
-            one |= amplitude_key(history.amplitude(end))
-            tables.append((one, self.tractions.now[name, way].card))
-        return tables
+            yield one | amplitude_key(history.amplitude(end)), self.tractions.now[name, way].card
 
     def _surface(self, members):
         inside = set(members)
@@ -486,7 +477,6 @@ class Supports:
         return "pressure"
 
     def _volumes(self, groups, end):
-        tables = []
         for (label, numbers, elements), history in self.volumes.histories.items():
             if history.most == 0.0:
                 continue
@@ -505,8 +495,7 @@ class Supports:
             table = history.amplitude(end)
             if label == "CENTRIF" and table is not None:
                 table = [(time, float(np.sqrt(max(factor, 0.0)))) for time, factor in table]
-            tables.append((one | amplitude_key(table), card))
-        return tables
+            yield one | amplitude_key(table), card
 
 
 # how cards are read, and parameters that they may have

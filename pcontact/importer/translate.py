@@ -179,10 +179,11 @@ def translate(path, mesh_name):
     references = {(node, 0): (node, 0) for node in drawn.nodes - nodes} | hung.dofs()
     supports = Supports(deck, findings, nodes, dim, references)
     run = read_steps(deck, findings, supports, pairs, presence.changes)
-    linear, cyclic = equations(deck, findings, groups, supports, dim), Cyclic(deck, findings, groups).tables()
+    linear = list(equations(deck, findings, groups, supports, dim))
+    cyclic = list(Cyclic(deck, findings, groups).tables())
     pairs.press(supports.pushed() | equated(deck))
     end, finite = run.ramp_end, run.finite
-    sections, hanging = drawn.tables(supports, end, run.names), hung.tables(supports, run, dim, thickness)
+    sections, hanging = list(drawn.tables(supports, end, run.names)), hung.tables(supports, run, dim, thickness)
     contacts += [(table, card) for _, table, card in pairs.begun]
     for table, _ in contacts:
         table |= run.acting(name_of(table))
@@ -193,7 +194,7 @@ def translate(path, mesh_name):
     if finite is not None:
         for _, card in sections:
             findings.leave(card, "NLGEOM: sections of bolts are those of small strain")
-    held = supports.displacements(groups, end, run.names)
+    held = list(supports.displacements(groups, end, run.names))
     linear += supports.tilted(groups)
     title = next((" ".join(words) for card in deck.cards if card.key == "HEADING" for _, words in card.rows), "")
     mesh = _mesh(deck, mesh_name, plane, finite is not None)
