@@ -451,12 +451,11 @@ def _spinning(scene, space):
     """Return what the displacement adds to centrifugal forces in bodies with finite strain. *Collective.*"""
     finite = {number: scene.materials[body.material].density
               for number, body in enumerate(scene.bodies) if scene.finite(body)}  # fmt: skip
-    spins = [(number, load) for number, load in enumerate(scene.loads) if load.angular_speed is not None and finite]
     result = []
-    for number, load in spins:
-        factor = amplitude_of(load, scene.steps.end)
-        name = place("loads", number, load.region)
-        result.append(SpinForces(space, load, name, finite, Squared(factor.times, factor.factors)))
+    for number, load in enumerate(scene.loads):
+        if load.angular_speed is not None and finite:
+            factor, name = amplitude_of(load, scene.steps.end), place("loads", number, load.region)
+            result.append(SpinForces(space, load, name, finite, Squared(factor.times, factor.factors)))
     return result
 
 
@@ -478,36 +477,43 @@ def _heat(scene, space, laws):
 
 def _rigid_groups(scene, space, supports):
     """The groups that move as rigid bodies; bodies that one joins are one from here on. *Collective.*"""
-    groups, moved = [], supports.fixed
-    for number, one in enumerate(scene.couplings):
-        if one.average:
-            continue
-        factor, where = amplitude(one.amplitude, scene.steps.end), place("couplings", number, one.region)
-        groups.append(RigidGroup(space, one, factor, moved, (scene.where, where)))
-        moved[groups[-1].nodes] = True
-        _join(space, groups[-1].nodes)
+    groups = []
+    for one, factor, where in _moved(scene, "couplings"):
+        if not one.average:
+            groups.append(RigidGroup(space, one, factor, supports.fixed | _nodes_of(space, groups), where))
+            _join(space, groups[-1].nodes)
     return groups
+
+
+def _moved(scene, key):
+    """Tables of a list that have amplitudes: the table, its factor, and scene and key path for messages."""
+    for number, one in enumerate(getattr(scene, key)):
+        yield one, amplitude(one.amplitude, scene.steps.end), (scene.where, place(key, number, one.region))
 
 
 def _averages(scene, space, supports, groups):
     """The groups whose mean motion is prescribed; bodies that one joins are one from here on. *Collective.*"""
-    taken = np.zeros((space.n_local, space.dim), dtype=bool)
-    for group in groups:
-        taken[group.nodes] = True
-    found = []
-    for number, one in enumerate(scene.couplings):
+    taken, found = _nodes_of(space, groups), []
+    for one, factor, where in _moved(scene, "couplings"):
         if not one.average:
             continue
-        factor, where = amplitude(one.amplitude, scene.steps.end), place("couplings", number, one.region)
-        found.append(AverageCoupling(space, one, factor, supports.fixed, (scene.where, where)))
+        found.append(AverageCoupling(space, one, factor, supports.fixed, where))
         clash = space.comm.allreduce(bool(taken[found[-1].nodes].any()), op=MPI.LOR)
         if clash and found[-1].rows:
             said = f"{one.region!r}, of which nodes are in another coupling, or in a section"
-            raise input_error(scene.where, f"{where}.region", said, "a group of its own")
+            raise input_error(where[0], f"{where[1]}.region", said, "a group of its own")
         if found[-1].rows:
             taken[found[-1].nodes] = True
             _join(space, found[-1].nodes)
     return found
+
+
+def _nodes_of(space, groups):
+    """Components (n_local, d) of the nodes of some groups."""
+    taken = np.zeros((space.n_local, space.dim), dtype=bool)
+    for group in groups:
+        taken[group.nodes] = True
+    return taken
 
 
 def _join(space, nodes):
@@ -517,14 +523,11 @@ def _join(space, nodes):
         join(space, np.column_stack([bodies[:-1], bodies[1:]]))
 
 
-def _sections(scene, space, fixed, couplings):
+def _sections(scene, space, fixed):
     """The sections that are drawn together; bodies on both sides of one are one from here on. *Collective.*"""
-    for group in couplings:
-        fixed[group.nodes] = True
     sections = []
-    for number, one in enumerate(scene.pretensions):
-        factor, where = amplitude(one.amplitude, scene.steps.end), place("pretensions", number, one.region)
-        sections.append(PretensionSection(space, one, factor, fixed, (scene.where, where)))
+    for one, factor, where in _moved(scene, "pretensions"):
+        sections.append(PretensionSection(space, one, factor, fixed, where))
         _join(space, sections[-1].nodes)
     return sections
 
@@ -551,11 +554,8 @@ def _equations(scene, space, supports, groups, averages, lower):
         first = next(number for number, body in enumerate(scene.bodies) if scene.lower(body))
         # they are the last: what equations say of nodes in the middles they say of the vertices
         rows, paths = rows + lower, paths + [f"{place('bodies', first, scene.bodies[first].region)}.order"] * len(lower)
-    taken = np.zeros((space.n_local, space.dim), dtype=bool)
-    for group in groups:
-        taken[group.nodes] = True
     said = bool(scene.equations or scene.periodic)
-    return Equations(space, rows, supports.fixed, taken, (scene.where, paths), said, given)
+    return Equations(space, rows, supports.fixed, _nodes_of(space, groups), (scene.where, paths), said, given)
 
 
 def _given(space, averages, rows, paths, source):
@@ -814,7 +814,7 @@ def _assemble(scene, space, span, more, stabilises):
         space, scene.displacements, [amplitude_of(d, end) for d in scene.displacements], scene.where
     )
     couplings = _rigid_groups(scene, space, supports)
-    sections = _sections(scene, space, supports.fixed, couplings)
+    sections = _sections(scene, space, supports.fixed | _nodes_of(space, couplings))
     averages = _averages(scene, space, supports, [*couplings, *sections])
     lower = _lower_rows(scene, space)
     equations = _equations(scene, space, supports, [*couplings, *sections], averages, lower)
@@ -839,13 +839,10 @@ def _assemble(scene, space, span, more, stabilises):
     _announce(mesh, free)
     items = [bulk, *(pair for contact in contacts for pair in contact.pairs), *_followers(scene, space, supports)]
     items += [*springs, *_spinning(scene, space), *(make(space) for make in more)]
-    items += [] if inertia is None else [inertia]
     snap = None if scene.steps.through_snaps is None else _snap(scene, space, couplings, bulk)
-    items += [] if snap is None else [snap]
     release = None if span is None else Release(space, span.begin, span.end, begun)
-    items += [] if release is None else [release]
     viscous = None if eta is None else ViscousStabilisation(space, eta, bulk)
-    items += [] if viscous is None else [viscous]
+    items += [one for one in (inertia, snap, release, viscous) if one is not None]
     stabilised = set(free)
     if not held and any(item.changes for item in items):
         # one linear solve has to be exact

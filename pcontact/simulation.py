@@ -284,8 +284,7 @@ class Simulation:
             resumed.recall(self.comm, self.remembering)
             if self._changing and self.problem.features.release is not None:
                 self.problem.features.release.free_strains(self.problem.bulk)
-            for name, one in self._carriers.items():
-                one.carried = resumed.carried.get(name, 0.0)
+            self._carry(resumed.carried)
             log.info("restart from %s at time %g after %d steps", self.restart, resumed.time, resumed.number)
         with nullcontext() if self.records is None else self.records.kept():
             converged = self._solve(lasting, directory)
@@ -350,20 +349,16 @@ class Simulation:
         absent = [body.region for body in scene.bodies if body.absent] if self._changing else None
         bodies = [body.region for body in scene.bodies]
         recorder = Recorder(self.problem, output.probes, bodies, name, absent, self.energy)
-        self._carriers = {"largest_force": recorder, "direct": self.newton, "acting": self.newton.convergence}
-        if estimate is not None:
-            self._carriers["largest_energy"] = estimate
-        if self.solve.items:
-            self._carriers["partners"] = self.solve
-        if self.problem.features.viscous is not None:
-            viscous = self.problem.features.viscous
-            self._carriers |= {"viscous_work": viscous.taken, "stress_work": viscous.stressed}
-        if self.problem.features.snap is not None:
-            self._carriers["snaps"] = self.problem.features.snap.taken
-        if self.energy is not None:
-            self._carriers |= self.energy.carried
-        if self.problem.features.inertia is not None:
-            self._carriers["fastest"] = self.problem.features.inertia
+        features = self.problem.features
+        viscous, snap = features.viscous, features.snap
+        carriers = {
+            "largest_force": recorder, "direct": self.newton, "acting": self.newton.convergence,
+            "largest_energy": estimate, "partners": self.solve if self.solve.items else None,
+            "viscous_work": viscous and viscous.taken, "stress_work": viscous and viscous.stressed,
+            "snaps": snap and snap.taken, "fastest": features.inertia,
+            **(self.energy.carried if self.energy is not None else {}),
+        }  # fmt: skip
+        self._carriers = {name: one for name, one in carriers.items() if one is not None}
         if lasting.fields:
             self.snapshot = Snapshot(self.problem, self.timing, output.smooth, estimate)
         checkpoint = None
@@ -382,7 +377,7 @@ class Simulation:
         self._watch = [one for one in watch if one is not None]
         low, high = bounding_box(self.comm, space.mesh.points)
         places = np.array(list(product(*zip(low, high, strict=True))) + [0.5 * (low + high)])
-        through = None if self.problem.features.snap is None else Snaps(self.problem, self.energy)
+        through = None if snap is None else Snaps(self.problem, self.energy)
         stages = Stages(self.begin, self.solve, self.rest, self.energy, through)
         self.stepper = Stepper(
             self.problem, self.newton, schedule, self._watch, recorder, self.timing, drive(scene, places), stages
@@ -397,9 +392,7 @@ class Simulation:
         held = self.energy.held(stepper.u) if self._changing and self.energy is not None else None
         # of the observers of one phase, those of facets have the last word
         self._watch[0].end(True)
-        self.newton.free()
-        self.problem.space.exchanger.free()
-        self.problem = self.newton = self.stepper = self.solve = self.rest = self.energy = None
+        self._let_go()
         self.options.withdraw()
         self.options.propose(self.scene.petsc)
         self._components.give(self.mesh)
@@ -423,13 +416,17 @@ class Simulation:
         self._warn_of_untied(span)
         if self._changing:
             release.free_strains(self.problem.bulk)
-        for name, one in self._carriers.items():
-            one.carried = carried.get(name, 0.0)
+        self._carry(carried)
         release.start(self.problem, self.stepper.u, state.borne)
         if held is not None:
             self.energy.part_with(held, self.stepper.u)
         if self.energy is not None:
             self.energy.begin(self.stepper.u)
+
+    def _carry(self, carried):
+        """Have parts of the run go on with the numbers that they carried, by their names."""
+        for name, one in self._carriers.items():
+            one.carried = carried.get(name, 0.0)
 
     def _warn_of_untied(self, span):
         """Say of the contacts that a phase ties which ones were nowhere closed before: these are open all the phase.
@@ -484,14 +481,18 @@ class Simulation:
         self.close()
         if self.problem is None:
             return
-        if self.newton is not None:
-            self.newton.free()
-        self.problem.space.exchanger.free()
-        self.problem = self.newton = self.stepper = self.solve = self.rest = self.energy = None
+        self._let_go()
         self._watch = self._carriers = None
         self.costs = self.counters = self.records = self.error_estimate = self.mesh = None
         gc.collect()
         free_garbage(self.comm)
+
+    def _let_go(self):
+        """Give back what the present phase has of PETSc and MPI. *Collective.*"""
+        if self.newton is not None:
+            self.newton.free()
+        self.problem.space.exchanger.free()
+        self.problem = self.newton = self.stepper = self.solve = self.rest = self.energy = None
 
     def describe(self):
         """Describe what is modelled and what is left out, see :func:`pcontact.scene.describe`. *Collective.*"""

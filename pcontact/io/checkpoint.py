@@ -18,7 +18,7 @@ import numpy as np
 from pcontact.mesh.mesh import hashes, mesh_digest, total
 from pcontact.runtime import log
 from pcontact.runtime.errors import InputError
-from pcontact.runtime.files import Damaged, Hdf5Aside, make_directory, verify
+from pcontact.runtime.files import Damaged, Hdf5Aside, make_directory, reading, verify
 from pcontact.runtime.observer import Observer
 from pcontact.runtime.parallel import aside_of_root, take_rows, together, write_rows
 from pcontact.scene.describe import differences, physics_so_far
@@ -35,6 +35,7 @@ SAID = {
     "groups": "other members",
 }
 MADE = "a file that pcontact wrote, as it was written"
+UNREADABLE = f"found no readable checkpoint ({{reason}}); allowed: {MADE}"
 ANYWAY = "restart_anyway"
 
 
@@ -270,13 +271,13 @@ class Resumed:
         items = {item.name: item for item in remembering(items)}
 
         def read():
-            with h5py.File(self.path, "r") as file:
+            with reading(self.path, UNREADABLE), h5py.File(self.path, "r") as file:
                 return [
                     (table.attrs["item"], table.attrs["table"], len(table["key"]), self._taken(items, table))
                     for table in file["memory"].values()
                 ]
 
-        for item, name, rows, taken in together(comm, _guarded, self.path, read):
+        for item, name, rows, taken in together(comm, read):
             # not taken by any rank: another law, which the user insists on, remembers other things
             there = comm.allreduce(taken or 0)
             if taken is not None and there != rows:
@@ -335,7 +336,7 @@ def read_checkpoint(directory, space, identity, anyway=False):
     """
     path, comm = Path(directory) / NAME, space.comm
     summed = together(comm, _verified, directory, path, comm)
-    resumed, differences = together(comm, _guarded, path, lambda: _read(path, summed, space, identity, anyway))
+    resumed, differences = together(comm, _read, path, summed, space, identity, anyway)
     for one in differences:
         log.warning("restart from %s although it differs: %s: %s instead of %s", path, one.key, one.found, one.allowed)
     return resumed
@@ -350,24 +351,13 @@ def _verified(directory, path, comm):
             f"-restart {directory}: found no {NAME} there; allowed: the results of an earlier run"
         ) from None
     except OSError as error:
-        raise InputError(f"{path}: found no readable checkpoint ({error.strerror or error}); allowed: {MADE}") from None
+        raise InputError(f"{path}: {UNREADABLE.format(reason=error.strerror or error)}") from None
     except Damaged as error:
         raise InputError(f"{path}: found a damaged checkpoint ({error}); allowed: {MADE}") from None
 
 
-def _guarded(path, read):
-    """Read; whatever HDF5 and what is missing in the file raise is an input error."""
-    try:
-        return read()
-    except InputError:
-        raise
-    except Exception as error:  # HDF5 has many words for what it cannot read
-        reason = " ".join(str(error).split())
-        raise InputError(f"{path}: found no readable checkpoint ({reason}); allowed: {MADE}") from None
-
-
 def _read(path, summed, space, identity, anyway):
-    with h5py.File(path, "r") as file:
+    with reading(path, UNREADABLE), h5py.File(path, "r") as file:
         head = dict(file.attrs)
         _require(path, head, version=VERSION)
         if not summed:

@@ -12,9 +12,10 @@ import h5py
 import numpy as np
 
 from pcontact.element.reference import n_nodes
-from pcontact.mesh.raw import KINDS, LOWER, FileMesh, Table, default_name, reading
+from pcontact.mesh.raw import KINDS, LOWER, FileMesh, Table, default_name
 from pcontact.runtime import log
 from pcontact.runtime.errors import InputError
+from pcontact.runtime.files import reading
 
 # cell data that number groups, by format
 _TAG_KEYS = (
@@ -28,6 +29,8 @@ _TAG_KEYS = (
     "tetgen:ref",
     "cell_tags",
 )
+# what is said of a file that ends in the middle, or is of another type
+_UNREADABLE = "cannot be read as {}: {{kind}}: {{reason}}; allowed: a complete file of that type"
 # nodes of cells that are filled up later
 _INCOMPLETE = {"quad8": 8, "hexahedron20": 20, "wedge15": 15, "pyramid13": 13}
 _INSTALL = "another file type, or that package installed"
@@ -200,7 +203,7 @@ def read_exodus(path):
             f'{path}: found the classic format of netCDF, which needs the Python package "{error.name}"; '
             "allowed: netCDF-4 (HDF5), or that package installed"
         ) from None
-    with reading(path, path.suffix):
+    with reading(path, _UNREADABLE.format(path.suffix)):
         if classic:
             with module.Dataset(path) as file:
                 file.set_auto_mask(False)
@@ -319,7 +322,7 @@ def read_med(path):
     InputError
         The file is damaged, or holds more than one mesh or step of a mesh.
     """
-    with reading(path, ".med"), h5py.File(path, "r") as file:
+    with reading(path, _UNREADABLE.format(".med")), h5py.File(path, "r") as file:
         return _of_med(path, file)
 
 

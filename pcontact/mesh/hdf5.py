@@ -20,12 +20,13 @@ from pcontact.mesh.read import read_mesh
 from pcontact.mesh.slices import MeshSlice, SliceBlock
 from pcontact.mesh.topology import components
 from pcontact.runtime.errors import InputError
-from pcontact.runtime.files import Damaged, Hdf5Aside, verify
+from pcontact.runtime.files import Damaged, Hdf5Aside, reading, verify
 from pcontact.runtime.parallel import together
 
 FORMAT, VERSION = "pcontact mesh", 1
 SUFFIX = ".h5"
 MADE = "a file made by pcontact convert"
+DAMAGED = f"found a damaged file ({{reason}}); allowed: {MADE}"
 
 
 def _small(numbers):
@@ -283,19 +284,15 @@ class ConvertedMesh:
             return False
 
     def _damaged(self, reason):
-        return InputError(f"{self.path}: found a damaged file ({' '.join(str(reason).split())}); allowed: {MADE}")
+        return InputError(f"{self.path}: {DAMAGED.format(reason=reason)}")
 
     def _read(self, order, summed):
         with _open(self.path) as file:
             # files of earlier versions of the program have none
             if "checksums" in file.attrs and not summed:
                 raise self._damaged("without its checksums")
-            try:
+            with reading(self.path, DAMAGED):
                 return self._slice(file, order)
-            except InputError:
-                raise
-            except Exception as error:  # HDF5 has many words for what it cannot read
-                raise self._damaged(error) from None
 
     def _slice(self, file, order):
         comm, head = self.comm, file.attrs

@@ -6,7 +6,6 @@ a group are matched with the facets of the cells by their vertices.
 Edges and faces numbered, and their middle nodes: cells raised to degree 2, serendipity cells filled up.
 """
 
-from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -453,20 +452,6 @@ class RawMesh:
     def offsets(self):
         """ndarray, (n_blocks + 1,) int64 : first cell of every block; last, the number of cells."""
         return np.cumsum([0] + [len(block.nodes) for block in self.blocks])
-
-
-@contextmanager
-def reading(path, kind):
-    """Turn what goes wrong in a reader of files of a kind, which may be anything, into an input error."""
-    try:
-        yield
-    except InputError:
-        raise
-    except Exception as error:
-        reason = " ".join(f"{type(error).__name__}: {error}".split())
-        raise InputError(
-            f"{path}: cannot be read as {kind}: {reason}; allowed: a complete file of that type"
-        ) from None
 
 
 def say_lost(path, lost):

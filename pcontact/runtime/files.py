@@ -163,6 +163,29 @@ def going_on(path):
 
 
 @contextmanager
+def reading(path, words):
+    """Turn what goes wrong in a reader, which may be anything, into an input error.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+    words : str
+        Of the message, in which ``{reason}`` is what goes wrong, and ``{kind}`` its class.
+
+    Raises
+    ------
+    InputError
+    """
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:
+        said = {"kind": type(error).__name__, "reason": " ".join(str(error).split())}
+        raise InputError(f"{path}: {words.format(**said)}") from None
+
+
+@contextmanager
 def written_aside(path, option=None):
     """A place beside a file to write to; at the end it becomes the file. After a failure nothing is left of it.
 
