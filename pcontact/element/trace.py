@@ -200,11 +200,11 @@ def _stiffness(layout, x, lam, mu, kind, rest=None):
     if not gradients(x, dgeo, dshape, weights, grad, jxw) > 0.0:
         raise ValueError(f"trace constant: a {cell} is inverted or degenerate")
     size = dshape.shape[1] * dshape.shape[2]
-    stiffness, hoop, plain = np.empty((len(x), size, size)), None, not (axisymmetric or averaged)
+    hoop, plain = None, not (axisymmetric or averaged)
     if axisymmetric:
         radius = x[:, :, 0] @ shape(cell, geometry_degree, points).T
         jxw, hoop = jxw * radius, hoop_operator(shape(cell, degree, points), radius)
-    _elastic(grad.reshape(len(x), -1, size), jxw, lam if plain else 0.0 * lam, mu, x.shape[2], stiffness)
+    stiffness = _elastic(grad, jxw, lam if plain else 0.0 * lam, mu)
     if not plain:
         at = shape(cell, geometry_degree, points) @ x if averaged and linear(cell, degree) else None
         operators, factor = squares(grad, jxw, hoop, averaged, degree, lam, mu, at)
@@ -293,29 +293,18 @@ def _without_energy(stiffness):
     return (vectors * added[:, None, :]) @ vectors.transpose(0, 2, 1)
 
 
-@njit
-def _elastic(grad, jxw, lam, mu, dim, stiffness):
-    """Elastic stiffness of cells from gradients (nf, nq, nn d), into (nf, nn d, nn d)."""
-    size = grad.shape[2]
-    products = np.empty((size, size))
-    for c in range(grad.shape[0]):
-        products[:] = 0.0
-        # products[a i, b j] = int dN_a/dx_i dN_b/dx_j
-        for q in range(grad.shape[1]):
-            for m in range(size):
-                scaled = jxw[c, q] * grad[c, q, m]
-                for n in range(size):
-                    products[m, n] += scaled * grad[c, q, n]
-        for a in range(0, size, dim):
-            for b in range(0, size, dim):
-                laplacian = 0.0
-                for i in range(dim):
-                    laplacian += products[a + i, b + i]
-                    for j in range(dim):
-                        direct, swapped = products[a + i, b + j], products[a + j, b + i]
-                        stiffness[c, a + i, b + j] = lam[c] * direct + mu[c] * swapped
-                for i in range(dim):
-                    stiffness[c, a + i, b + i] += mu[c] * laplacian
+def _elastic(grad, jxw, lam, mu):
+    """Elastic stiffness (nf, nn d, nn d) of cells from gradients (nf, nq, nn, d)."""
+    nf, nq, nn, dim = grad.shape
+    rows = grad.reshape(nf, nq, nn * dim)
+    # products[a, i, b, j] = int dN_a/dx_i dN_b/dx_j
+    products = ((jxw[:, :, None] * rows).transpose(0, 2, 1) @ rows).reshape(nf, nn, dim, nn, dim)
+    direct, swapped = (value[:, None, None, None, None] for value in (lam, mu))
+    stiffness = direct * products + swapped * products.transpose(0, 1, 4, 3, 2)
+    laplacian = mu[:, None, None] * np.einsum("caibi->cab", products)
+    for i in range(dim):
+        stiffness[:, :, i, :, i] += laplacian
+    return stiffness.reshape(nf, nn * dim, nn * dim)
 
 
 @njit
