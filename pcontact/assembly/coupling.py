@@ -305,9 +305,7 @@ class AverageCoupling:
             Displacement; internal plus contact minus external forces.
         """
         space = self._space
-        vector = space.vector()
-        vector.setArray(u.ravel())
-        mean, rotation = self._average.motion(vector)
+        mean, rotation = self._average.motion(space.vector(u))
         mean = mean + turned(rotation, (self.point - self._average.centre)[None])[0]
         forces = np.where(self._held, 0.0, unbalanced[self._rows])
         return moved(space, self.point, (mean, rotation), self._rows, forces)

@@ -15,7 +15,7 @@ import numpy as np
 from pcontact.assembly.item import LAW, Item
 from pcontact.assembly.viscous import Sum
 from pcontact.runtime.parallel import take_rows
-from pcontact.runtime.petsc import MPI, PETSc
+from pcontact.runtime.petsc import MPI
 from pcontact.scene.integrators import INTEGRATORS
 from pcontact.space.supports import moments
 
@@ -243,25 +243,15 @@ class Inertia(Item):
     def _barred(self, problem, motion):
         """What supports and groups do not admit of a motion (n_owned, d), as it is between two that they prescribe.
         *Collective.*"""
-        vector = self.space.vector()
-        vector.setArray(motion.ravel())
+        vector = self.space.vector(motion)
         problem.conditions.follow(vector)
         return motion - self._values(vector)
 
     def _accelerated(self, problem, matrix, forces):
         """Accelerations (n_owned, d) by forces, overwritten, or velocities by impulses; 0 of what is prescribed.
         *Collective.*"""
-        space = self.space
         problem.conditions.condense(forces)
-        right, left = space.vector(), space.vector()
-        right.setArray(forces.ravel())
-        ksp = PETSc.KSP().create(comm=space.comm)
-        ksp.setType("cg")
-        ksp.getPC().setType("jacobi")
-        ksp.setTolerances(rtol=MASS_RTOL, atol=0.0, max_it=10000)
-        ksp.setOperators(matrix.matrix)
-        ksp.solve(right, left)
-        ksp.destroy()
+        left = matrix.solved(forces, MASS_RTOL, 10000)
         problem.conditions.follow(left)
         return self._values(left).copy()
 

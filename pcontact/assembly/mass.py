@@ -88,10 +88,8 @@ class Mass:
 
     def matrix(self, problem):
         """A matrix of a problem that has the mass alone. *Collective.*"""
-        space, matrix = self.space, problem.conditions.new_matrix()
-        none = np.zeros(space.n_owned + 1, dtype=np.int64), np.zeros(0, dtype=np.int64)
-        matrix.renew((self.rowptr, self.columns), none)
-        matrix.write(self.values, np.zeros((0, space.dim, space.dim)), np.zeros(space.n_owned))
+        matrix = problem.conditions.new_matrix()
+        matrix.fill((self.rowptr, self.columns), self.values)
         return matrix
 
     def times(self, values, matrix=None):

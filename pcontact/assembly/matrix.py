@@ -434,6 +434,26 @@ class ProblemMatrix:
             self._beside = Operator(self.matrix, kind)
             self.operator = self._beside.matrix
 
+    def fill(self, pattern, values):
+        """Take a pattern and values (nnz, d, d) on it, and nothing else. *Collective.*"""
+        n, d = self._space.n_owned, self._space.dim
+        self.renew(pattern, (np.zeros(n + 1, dtype=np.int64), np.zeros(0, dtype=np.int64)))
+        self.write(values, np.zeros((0, d, d)), np.zeros(n))
+
+    def solved(self, forces, rtol, most):
+        """Solution, a vector, by conjugate gradients with the diagonal alone for forces (n_owned, d), of a matrix that
+        is near to it, or is seldom asked: a tolerance, and how many iterations there may be. *Collective.*"""
+        right, solution = self._space.vector(forces), self._space.vector()
+        ksp = PETSc.KSP().create(comm=self._space.comm)
+        ksp.setType("cg")
+        ksp.getPC().setType("jacobi")
+        ksp.setTolerances(rtol=rtol, atol=0.0, max_it=most)
+        ksp.setOperators(self.matrix)
+        ksp.solve(right, solution)
+        for one in (ksp, right):
+            one.destroy()
+        return solution
+
 
 class GlobalMatrix(ProblemMatrix):
     """Sum of two sets of block values, with supports, as a PETSc matrix; attributes as of :class:`ProblemMatrix`.
@@ -450,9 +470,7 @@ class GlobalMatrix(ProblemMatrix):
 
     def __init__(self, space, fixed):
         super().__init__(space)
-        flags = space.vector()
-        flags.setArray(fixed[space.owned_local].astype(float).ravel())
-        self._flags = flags
+        self._flags = space.vector(fixed[space.owned_local].astype(float))
         self._fixed_row = np.ascontiguousarray(fixed[space.owned_local])
         self._rows = None
         # the first set as it was written last: where it has not changed, only rows of the second are written

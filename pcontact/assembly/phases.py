@@ -10,7 +10,6 @@ import numpy as np
 from pcontact.assembly.item import LAW, Item
 from pcontact.assembly.matrix import GlobalMatrix
 from pcontact.runtime.parallel import take_rows
-from pcontact.runtime.petsc import PETSc
 
 # tables of a checkpoint, and attributes
 TABLES = ("forces", "drawn", "offset")
@@ -97,9 +96,7 @@ class Release(Item):
 
     def origin(self, number):
         """Displacement at the beginning of a phase in which bodies have begun, as a vector. *Collective.*"""
-        vector = self.space.vector()
-        vector.setArray(self.origins[number].ravel())
-        return vector
+        return self.space.vector(self.origins[number])
 
     def free_strains(self, bulk):
         """Let bodies that have begun be without strain where they have. *Collective.*"""
@@ -203,13 +200,10 @@ def extend(problem, values, fresh, time):
     brought = [group for group in problem.conditions.groups if group.bring(values, fresh)]
     for group in brought:
         held[group.rows] = True
-    vector = space.vector()
-    vector.setArray(np.repeat(held, space.dim).astype(float))
-    fixed = space.local.gather(vector) > 0.5
+    fixed = space.at_nodes(np.repeat(held, space.dim).astype(float)) > 0.5
     bulk = getattr(problem.bulk, "small", problem.bulk)
     forces = np.zeros_like(values)
-    vector.setArray(values.ravel())
-    bulk.elastic_forces(vector, forces)
+    bulk.elastic_forces(space.vector(values), forces)
     forces[held] = 0.0
     if space.comm.allreduce(float(np.sum(forces**2))) > 0.0:
         values += _solved(space, bulk, fixed, -forces)
@@ -222,21 +216,12 @@ def extend(problem, values, fresh, time):
 
 def _solved(space, bulk, fixed, forces):
     """Displacement (n_owned, d) of elastic bodies under forces, nodes (n_local, d) held. *Collective.*"""
-    d, n = space.dim, space.n_owned
-    whole, none = GlobalMatrix(space, fixed), (np.zeros(n + 1, dtype=np.int64), np.zeros(0, dtype=np.int64))
-    whole.renew(bulk.pattern(), none)
-    whole.write(bulk.values, np.zeros((0, d, d)), np.zeros(n))
+    whole = GlobalMatrix(space, fixed)
+    whole.fill(bulk.pattern(), bulk.values)
     whole.matrix.assemble()
     # bodies that nothing draws have a zero right-hand side: these iterations leave them where they are
-    krylov = PETSc.KSP().create(comm=space.comm)
-    krylov.setOperators(whole.matrix)
-    krylov.setType("cg")
-    krylov.getPC().setType("jacobi")
-    krylov.setTolerances(rtol=SMALL, max_it=MOST)
-    right, solution = space.vector(), space.vector()
-    right.setArray(forces.ravel())
-    krylov.solve(right, solution)
-    result = solution.getArray(readonly=True).reshape(n, d).copy()
-    for one in (krylov, right, solution, whole.matrix):
+    solution = whole.solved(forces, SMALL, MOST)
+    result = solution.getArray(readonly=True).reshape(forces.shape).copy()
+    for one in (solution, whole.matrix):
         one.destroy()
     return result

@@ -198,10 +198,7 @@ def components_of(space, pairing, source):
     """
     numbers = np.zeros((space.n_owned, space.dim))
     numbers[:, 0] = space.component[space.owned_local]
-    vector = space.vector()
-    vector.setArray(numbers.ravel())
-    of_node = np.rint(pairing.exchange.gather(vector)[:, 0]).astype(np.int64)
-    vector.destroy()
+    of_node = np.rint(space.at_nodes(numbers, pairing.exchange)[:, 0]).astype(np.int64)
     own = of_node[pairing.cells[source.facet, 0]]
     other = np.full(len(own), -1, dtype=np.int64)
     if pairing.targets.shape[1]:

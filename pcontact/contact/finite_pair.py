@@ -200,10 +200,7 @@ class FinitePair(ContactPair):
     def _plan(self, nodes, paired):
         super()._plan(nodes, paired)
         space = self.space
-        vector = space.vector()
-        vector.setArray((space.points - self.search.origin)[space.owned_local].ravel())
-        self._places = self._planned[0].gather(vector)
-        vector.destroy()
+        self._places = space.at_nodes((space.points - self.search.origin)[space.owned_local], self._planned[0])
 
     def _paired(self, normal, found):
         p, (n, d) = super()._paired(normal, found), normal.shape

@@ -84,10 +84,14 @@ class NodeDepths:
         moved = u.getArray(readonly=True).reshape(-1, space.dim)[owned]
         query = QueryPoints((x - pair.search.origin) + moved, normal[owned] / length[owned, None], pair.radius)
         found = find_partners(space, surface, space.local.gather(u), query, "closest_point", pair.search.origin)
-        depth = np.where(found.paired, -found.gap, 0.0)
-        k = int(np.argmax(depth)) if len(depth) else -1
-        deepest = (float(depth[k]), x[k]) if k >= 0 else (0.0, np.zeros(space.dim))
-        return max(space.comm.allgather(deepest), key=lambda entry: entry[0])
+        return deepest(np.where(found.paired, -found.gap, 0.0), x, space.comm)
+
+
+def deepest(depth, x, comm):
+    """Largest depth (n,) of all ranks and its place, of places (n, d); zeros where none is above 0. *Collective.*"""
+    k = int(np.argmax(depth)) if len(depth) else -1
+    own = (float(depth[k]), x[k]) if k >= 0 and depth[k] > 0.0 else (0.0, np.zeros(x.shape[1]))
+    return max(comm.allgather(own), key=lambda entry: entry[0])
 
 
 def node_depths(contact, pairs):
@@ -135,12 +139,7 @@ def summarise(state, flips, lost, comm):
         [flips[-1] if flips else 0, *lost],
     ])  # fmt: skip
     sums = comm.allreduce(sums, op=MPI.SUM)
-    depth = np.where(closed, -state["gap"], 0.0)
-    k = int(np.argmax(depth)) if len(depth) else -1
-    deepest, where = 0.0, np.zeros(d)
-    for value, at in comm.allgather((float(depth[k]), x[k]) if k >= 0 else (0.0, where)):
-        if value > deepest:
-            deepest, where = value, at
+    depth, where = deepest(np.where(closed, -state["gap"], 0.0), x, comm)
     top = comm.allreduce(float(np.max(state["pressure"], initial=0.0)), op=MPI.MAX)
     near = comm.allreduce(float(np.min(state["gap"][state["paired"]], initial=np.inf)), op=MPI.MIN)
     n_open, n_stick, n_slip, flipped, passed, left = (int(n) for n in sums[d + 1 :])
@@ -148,7 +147,7 @@ def summarise(state, flips, lost, comm):
         "force": sums[:d].tolist(),
         "area": float(sums[d]),
         "max_pressure": top,
-        "max_penetration": deepest,
+        "max_penetration": depth,
         "deepest": where.tolist(),
         "least_gap": near if near < np.inf else None,
         "open": n_open,
@@ -223,16 +222,12 @@ class Surfaces:
     @classmethod
     def of(cls, pairs, weight):
         """Join the sources of some pairs of a weight."""
-        sources = [pair.source for pair in pairs]
-        first = np.cumsum([0, *(len(source.cells) for source in sources)])[:-1]
-        return cls(
-            np.concatenate([source.facet_ids for source in sources]),
-            np.concatenate([source.size for source in sources]),
-            np.concatenate([source.facet + n for source, n in zip(sources, first, strict=True)]),
-            np.concatenate([source.jxw for source in sources]) / weight,
-            np.concatenate([source.x for source in sources]),
-            np.concatenate([source.normal for source in sources]),
-        )
+        parts, n = [], 0
+        for source in (pair.source for pair in pairs):
+            parts.append({"cells": source.facet_ids, "size": source.size, "facet": source.facet + n,
+                          "jxw": source.jxw / weight, "x": source.x, "normal": source.normal})  # fmt: skip
+            n += len(source.cells)
+        return cls(**_joined(parts))
 
 
 class ContactReport:
@@ -417,7 +412,7 @@ class ContactReport:
                 summary |= {"max_penetration": depth, "deepest": where.tolist()}
         if self.rigid and self.pairs[0].search.target.has_moment:
             summary["moment"] = self._moment(u, states[0]).tolist()
-        return {**summary, "bodies": self._on_bodies(u)} if self._between_all() else summary
+        return {**summary, "bodies": self._on_bodies(u)} if self.contact.all and not self.rigid else summary
 
     def _unresolved(self, state):
         """Part of the pressure that the stress of the cells does not have [1], from a state of all points.
@@ -452,9 +447,6 @@ class ContactReport:
         arms = search.deformed(self.space.local.gather(u)) + (search.origin - pivot)
         moment = moments(arms, -state["traction"] * state["weight"][:, None])
         return self.space.comm.allreduce(moment, op=MPI.SUM)
-
-    def _between_all(self):
-        return self.contact.all and not self.rigid
 
     def _on_bodies(self, u):
         """Force on every body that others touch, the same on every rank; they add up to zero. *Collective.*"""

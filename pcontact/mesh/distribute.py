@@ -16,7 +16,7 @@ from pcontact.mesh.topology import cell_name, components
 from pcontact.runtime import profile
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.files import written_aside
-from pcontact.runtime.parallel import Exchanger, agree, on_root, together
+from pcontact.runtime.parallel import Exchanger, agree, on_root, rows_of, together
 from pcontact.runtime.petsc import MPI, PETSc, has_package
 
 
@@ -102,11 +102,10 @@ def _own_nodes(piece, tables):
 
 def _own_edges(piece, ids):
     """Edges of groups whose vertices are both among some nodes (n,), by numbers, each once. *Collective.*"""
-    own, result = np.sort(ids), {}
+    result = {}
     for name, edges in piece.edge_groups.items():
         every = np.unique(np.sort(np.concatenate(piece.comm.allgather(edges)), axis=1), axis=0)
-        at = np.minimum(np.searchsorted(own, every), max(len(own) - 1, 0))
-        result[name] = every[(own[at] == every).all(axis=1)] if len(own) else every[:0]
+        result[name] = every[(rows_of(ids, every) >= 0).all(axis=1)]
     return result
 
 
@@ -135,8 +134,7 @@ def _locate(blocks, ids):
     every = np.concatenate([b.ids for b in blocks])
     number = np.concatenate([np.full(len(b.ids), k) for k, b in enumerate(blocks)])
     row = np.concatenate([np.arange(len(b.ids)) for b in blocks])
-    order = np.argsort(every, kind="stable")
-    at = order[np.searchsorted(every, ids, sorter=order)] if len(ids) else np.zeros(0, dtype=np.int64)
+    at = rows_of(every, ids)
     return number[at], row[at]
 
 

@@ -22,6 +22,7 @@ from pcontact.mesh.raw import Block, facet_vertices, facets_among, find_facets, 
 from pcontact.runtime import log
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.jit import njit
+from pcontact.runtime.parallel import rows_of
 
 # how the determinant of a cell's map behaves: what `_senses` returns
 POSITIVE, REVERSED, MIXED, FLAT = 0, 1, 2, 3
@@ -474,12 +475,10 @@ def _of_all_ranks(comm, lost):
 
 def _other_side(mesh, blocks, corners):
     """Those of the facets with some vertices (n, k) that a cell of this rank has, a list of Facets."""
-    order = np.argsort(mesh.file_nodes)
-    at = np.minimum(np.searchsorted(mesh.file_nodes[order], corners), max(len(order) - 1, 0))
-    if not len(order):
+    local = rows_of(mesh.file_nodes, corners)
+    local = local[(local >= 0).all(axis=1)]
+    if not len(local):
         return []
-    local = order[at]
-    local = local[(mesh.file_nodes[local] == corners).all(axis=1)]
     tables = [Block(block.cell, mesh.degree, block.nodes) for block in blocks]
     cells, numbers, _ = find_facets(tables, len(mesh.points), local)
     cells, numbers = cells[cells >= 0], numbers[cells >= 0]

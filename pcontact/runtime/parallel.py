@@ -449,6 +449,15 @@ def matching(keys, chunks):
         yield order[place[here]], values[here]
 
 
+def rows_of(keys, wanted):
+    """Rows (...) of the keys (n,), each once, that have the wanted values (...); -1 where none has."""
+    if not len(keys):
+        return np.full(np.shape(wanted), -1)
+    order = np.argsort(keys)
+    rows = order[np.minimum(np.searchsorted(keys, wanted, sorter=order), len(keys) - 1)]
+    return np.where(keys[rows] == wanted, rows, -1)
+
+
 def take_rows(keys, chunks, out):
     """Fill a table with the rows of other ranks' tables that belong here; those that nobody has become zero.
 

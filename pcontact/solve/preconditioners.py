@@ -53,7 +53,7 @@ from pcontact.runtime.petsc import (
     known_types,
     line_search_limit,
 )
-from pcontact.space.modes import component_frames, rigid_modes
+from pcontact.space.modes import body_modes, strain_free
 
 # [%] Of the work space, that MUMPS adds to its estimate. From: chosen.
 MUMPS_SPARE = 60
@@ -439,12 +439,7 @@ def rigid_motions(space, fixed, bodies):
     PETSc.Mat
     """
     d, own = space.dim, space.owned_local
-    centre, scale = component_frames(space)
-    component = space.component[own]
-    modes = rigid_modes(space.points[own], centre[component], 1.0)
-    modes[d:] /= scale[component][None, :, None]
-    if space.axisymmetric:
-        modes = modes[1:2]
+    component, modes = space.component[own], body_modes(space, own)[strain_free(space)]
     place = np.full(space.mesh.n_components, -1, dtype=np.int64)
     place[list(bodies)] = np.arange(len(bodies))
     loose = place[component] >= 0

@@ -93,13 +93,9 @@ def _direct(matrix):
 def _start(space, free, n):
     """Vectors (n) that are the same on any ranks, zero at components that are not free. *Collective.*"""
     keys = space.mesh.file_nodes[space.mesh_nodes[space.owned_local]][:, None] * space.dim + np.arange(space.dim)
-    vectors = []
-    for k in range(n):
-        vector = space.vector()
-        # of all wave lengths, and of none alone
-        vector.setArray(np.where(free, np.sin((keys + 1.0) * (k + 1.0) ** 2 * 0.7310585), 0.0).ravel())
-        vectors.append(vector)
-    return vectors
+    # of all wave lengths, and of none alone
+    waves = (np.sin((keys + 1.0) * (k + 1.0) ** 2 * 0.7310585) for k in range(n))
+    return [space.vector(np.where(free, wave, 0.0)) for wave in waves]
 
 
 def _ritz(vectors, stiffness, weights):

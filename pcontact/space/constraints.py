@@ -85,10 +85,7 @@ class Constraint:
 
     def follow(self, y):
         """Let components follow in a step (n_owned, d). *Collective.*"""
-        vector = self._space.vector()
-        vector.setArray(y.ravel())
-        values = self._exchange.gather(vector).ravel()[self._entry]
-        vector.destroy()
+        values = self._space.at_nodes(y, self._exchange).ravel()[self._entry]
         y.reshape(-1)[self._at] = np.bincount(self._row, self._weight * values, minlength=len(self._at))
 
     def lead(self, f):

@@ -145,22 +145,16 @@ def near_null_space(space, colours, u=None, followers=None):
     PETSc.NullSpace
         Orthonormal vectors. With axial symmetry those of the plane: smooth, though only one of them costs no energy.
     """
-    centre, scale = component_frames(space)
     own = space.owned_local
     component = space.component[own]
-    size = np.where(scale > 0, scale, 1.0)
-    d = space.dim
-    moved = 0.0 if u is None else u.getArray(readonly=True).reshape(-1, d)
-    modes = rigid_modes(space.points[own] + moved, centre[component], 1.0)
-    modes[d:] /= size[component][None, :, None]
+    modes = body_modes(space, own, 0.0 if u is None else u.getArray(readonly=True).reshape(-1, space.dim))
     if followers is not None:
         modes *= ~followers
     vectors = []
     for c in range(int(colours.max()) + 1 if len(colours) else 0):
         mask = (colours[component] == c)[:, None]
         for mode in modes:
-            vector = space.vector()
-            vector.setArray((mode * mask).ravel())
+            vector = space.vector(mode * mask)
             for other in vectors:
                 vector.axpy(-vector.dot(other), other)
             norm = vector.norm()
@@ -170,15 +164,15 @@ def near_null_space(space, colours, u=None, followers=None):
     return PETSc.NullSpace().create(constant=False, vectors=vectors, comm=space.comm)
 
 
-def body_modes(space, nodes):
-    """Rigid modes (n_modes, n, d) of the plane or of space at local nodes, each about the centre of the node's body;
-    turns in units of its size. *Collective.*
+def body_modes(space, nodes, moved=0.0):
+    """Rigid modes (n_modes, n, d) of the plane or of space at local nodes, moved by so much (n, d) [length], each about
+    the centre of the node's body; turns in units of its size. *Collective.*
 
     With axial symmetry only some of them are motions without strain, see :func:`strain_free`.
     """
     centre, scale = component_frames(space)
     component = space.component[nodes]
-    modes = rigid_modes(space.points[nodes], centre[component], 1.0)
+    modes = rigid_modes(space.points[nodes] + moved, centre[component], 1.0)
     modes[space.dim :] /= np.where(scale > 0, scale, 1.0)[component][None, :, None]
     return modes
 

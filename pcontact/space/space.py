@@ -219,13 +219,15 @@ class Space:
         set_section(dm, section)
         return dm
 
-    def vector(self):
-        """A distributed vector of zeros, block size d. *Collective.*"""
+    def vector(self, values=None):
+        """A distributed vector of zeros, or of values (n_owned, d) of owned nodes, block size d. *Collective.*"""
         d = self.dim
         vector = PETSc.Vec().create(comm=self.comm)
         vector.setSizes((self.n_owned * d, self.numbering.n_total * d), bsize=d)
         vector.setType("mpi" if self.comm.size > 1 else "seq")
         vector.set(0.0)
+        if values is not None:
+            vector.setArray(np.ravel(values))
         return vector
 
     def longest(self, values):
@@ -260,11 +262,11 @@ class Space:
         total.destroy()
         return result
 
-    def at_nodes(self, values):
-        """Values (n_owned, d) of owned nodes, at all nodes of this rank (n_local, d). *Collective.*"""
-        vector = self.vector()
-        vector.setArray(values.ravel())
-        result = self.local.gather(vector)
+    def at_nodes(self, values, plan=None):
+        """Values (n_owned, d) of owned nodes, at all nodes of this rank (n_local, d), or at those (n, d) of a plan.
+        *Collective.*"""
+        vector = self.vector(values)
+        result = (self.local if plan is None else plan).gather(vector)
         vector.destroy()
         return result
 

@@ -228,9 +228,7 @@ class Points:
 
     def __init__(self, problem, u, bodies, beyond=False):
         space = problem.space
-        self._comm, fields = space.comm, [space.vector() for _ in bodies.fields]
-        for field, values in zip(fields, bodies.fields, strict=True):
-            field.setArray(values.ravel())
+        self._comm, fields = space.comm, [space.vector(values) for values in bodies.fields]
         sets = (one for _, one in problem.active.sets)
         parts = [ActiveSet().clearance(u, fields), *(one.clearance(u, fields, beyond) for one in sets)]
         distance, numbers, rows = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))

@@ -180,52 +180,53 @@ class Recorder:
                     100.0 * max(total, residual) / max(self.carried, np.finfo(float).tiny), why)  # fmt: skip
         return imbalance
 
+    def _warn(self, key, text, *values):
+        """Warn of what a key stands for, once in a run."""
+        if key not in self._told:
+            self._told.add(key)
+            log.warning(text, *values)
+
     def _warn_of_lost(self, step, contacts):
         """Say once of every contact that its points were misled by partners that stay during a load step."""
         time, unverified = step.time, step.partners is None and any(one.verifies for one in self._problem.others)
         for name, contact in contacts.items():
             passed, left = contact["passed"], contact["left"]
-            if (passed or left) and name not in self._told:
-                self._told.add(name)
-                log.warning(
-                    "time %g: contact %s: %d points are inside their partner that were open, %d that were closed have "
-                    "left theirs: bodies went far in a load step; smaller load steps%s",
+            if passed or left:
+                self._warn(
+                    (name, "lost"), "time %g: contact %s: %d points are inside their partner that were open, %d that "
+                    "were closed have left theirs: bodies went far in a load step; smaller load steps%s",
                     time, name, passed, left, ", or no -contact_search_again 0" if unverified else "",
                 )  # fmt: skip
         for name in (step.partners or {}).get("unsettled", ()):
-            if (name, "unsettled") not in self._told:
-                self._told.add((name, "unsettled"))
-                log.warning(
-                    "time %g: contact %s: points at edges between facets find either by turns, which changes contact "
-                    "forces by up to %.2g %%, more than -contact_partner_rtol; remedy: more load steps, smaller "
-                    "cells there, or a larger -contact_partner_rtol",
-                    time, name, 100.0 * step.partners["change"],
-                )  # fmt: skip
+            self._warn(
+                (name, "unsettled"), "time %g: contact %s: points at edges between facets find either by turns, which "
+                "changes contact forces by up to %.2g %%, more than -contact_partner_rtol; remedy: more load steps, "
+                "smaller cells there, or a larger -contact_partner_rtol",
+                time, name, 100.0 * step.partners["change"],
+            )  # fmt: skip
         for contact in self._problem.contacts:
-            if contact.overlap > DEEPER and (contact.name, "overlap") not in self._told:
-                self._told.add((contact.name, "overlap"))
-                log.warning(
-                    "time %g: contact %s: points are inside their partner by %.2g of the size of their facet: the mesh "
-                    "does not resolve the contact, and there may be more than one solution; remedy: smaller cells, "
-                    "smaller overlaps or loads, or a larger gamma0",
+            if contact.overlap > DEEPER:
+                self._warn(
+                    (contact.name, "overlap"), "time %g: contact %s: points are inside their partner by %.2g of the "
+                    "size of their facet: the mesh does not resolve the contact, and there may be more than one "
+                    "solution; remedy: smaller cells, smaller overlaps or loads, or a larger gamma0",
                     time, contact.name, contact.overlap,
                 )  # fmt: skip
-            if contact.sinks and (contact.name, "sinks") not in self._told:
-                self._told.add((contact.name, "sinks"))
+            if contact.sinks:
                 depth = contacts[contact.name]["target_penetration"]
-                log.warning(
-                    "time %g: contact %s: a corner of %s is %.3g deep in %s, between its points: forces are wrong; "
-                    "remedy: unbiased = true, or source and target exchanged",
+                self._warn(
+                    (contact.name, "sinks"), "time %g: contact %s: a corner of %s is %.3g deep in %s, between its "
+                    "points: forces are wrong; remedy: unbiased = true, or source and target exchanged",
                     time, contact.name, contact.contact.target, depth, contact.contact.source,
                 )  # fmt: skip
 
     def _warn_of_viscosity(self, time, ratio):
         """Warn once where the work of the viscous stabilisation is not small beside that of the stresses."""
-        if ratio > VISCOUS and "viscous" not in self._told:
-            self._told.add("viscous")
-            log.warning(
-                "time %g: the viscous stabilisation has taken up %.2g %% of the work of the stresses (small: %g %%); "
-                "where no body snaps or floats, a smaller viscous_stabilisation makes forces more accurate",
+        if ratio > VISCOUS:
+            self._warn(
+                "viscous", "time %g: the viscous stabilisation has taken up %.2g %% of the work of the stresses "
+                "(small: %g %%); where no body snaps or floats, a smaller viscous_stabilisation makes forces more "
+                "accurate",
                 time, 100.0 * ratio, 100.0 * VISCOUS,
             )  # fmt: skip
 
@@ -250,9 +251,8 @@ class Recorder:
             f"has come from nowhere, by contact and integrator: remedy: {', '.join(remedies)}": part,
         }
         for words, part in found.items():
-            if part > ENERGY_PART and words not in self._told:
-                self._told.add(words)
-                log.warning("time %g: %.2g %% of the energy of the bodies %s", time, 100.0 * part, words)
+            if part > ENERGY_PART:
+                self._warn(words, "time %g: %.2g %% of the energy of the bodies %s", time, 100.0 * part, words)
 
     def _warn_of_rounding(self, time, u):
         """Say once that a body is so stiff, and has moved so far, that rounding errors of its displacement show in the
@@ -264,11 +264,10 @@ class Recorder:
         errors = problem.forces.roundoff_of(u)
         part = np.linalg.norm(errors) / self._acting if self._acting > 0.0 else 0.0
         if part > ROUNDING_PART:
-            self._told.add("rounding")
             name = problem.space.mesh.component_names[int(np.argmax(errors))]
-            log.warning(
-                "time %g: rounding errors of the displacement of %s, which moves and is far stiffer than the others, "
-                "may make %.2g %% of the forces: stresses and contact pressures are no more accurate",
+            self._warn(
+                "rounding", "time %g: rounding errors of the displacement of %s, which moves and is far stiffer than "
+                "the others, may make %.2g %% of the forces: stresses and contact pressures are no more accurate",
                 time, name, 100.0 * part,
             )  # fmt: skip
 

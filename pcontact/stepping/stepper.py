@@ -149,9 +149,7 @@ class Stepper:
             item.commit(start, time)
         self.u.setArray(values.ravel())
         if last is not None:
-            before = self.problem.space.vector()
-            before.setArray(last[1].ravel())
-            self._last = last[0], before
+            self._last = last[0], self._as_vector(last[1])
         self.schedule.resume(time, size)
         self.number, self.first = number, first
 
@@ -284,10 +282,7 @@ class Stepper:
         last = now - past
         part = float((then - now) @ last) / max(float(last @ last), 1e-300)
         part = min(max(part, -BACK), ONWARD)
-        way = self.u.copy()
-        way.axpy(-1.0, before)
-        way.scale(part)
-        return way
+        return part * (self.u - before)
 
     def _continued(self, target, imposed):
         """Displacement if the bodies go on as what drives them does; None before the second load step, and where they
@@ -307,11 +302,7 @@ class Stepper:
 
     def _as_vector(self, values):
         """A displacement (n_owned, d) as a vector; None for None. *Collective.*"""
-        if values is None:
-            return None
-        vector = self.problem.space.vector()
-        vector.setArray(values.ravel())
-        return vector
+        return None if values is None else self.problem.space.vector(values)
 
     def _ahead(self, target, expected=None):
         """Displacement that is expected, or if the bodies move on as what drives them does; None where that tells
@@ -324,11 +315,7 @@ class Stepper:
         pairs, known = self.problem.others, self._stages.start is not None and expected is not None
         if not pairs or not known and (any(item.floats for item in pairs) or self._last is None and expected is None):
             return None
-        if expected is None:
-            way = self._way(target)
-        else:
-            way = expected.copy()
-            way.axpy(-1.0, self.u)
+        way = self._way(target) if expected is None else expected - self.u
         if self._jumps(way):
             return None
         way.axpy(1.0, self.u)

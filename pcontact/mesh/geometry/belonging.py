@@ -21,7 +21,7 @@ from pcontact.mesh.topology import outer_facets
 from pcontact.runtime import log, process
 from pcontact.runtime.errors import InputError, input_error
 from pcontact.runtime.files import GEOMETRIES
-from pcontact.runtime.parallel import Exchanger, together
+from pcontact.runtime.parallel import Exchanger, rows_of, together
 from pcontact.runtime.petsc import MPI
 
 # kinds of curves and surfaces that cells of degree 1 follow by themselves, as gmsh calls them
@@ -375,8 +375,7 @@ def _edges(exchanger, boundary, found, keys):
     home = (marks % np.uint64(exchanger.comm.size)).astype(np.int64)
     answer = exchanger.ask(home, np.column_stack([marks.view(np.int64), numbers]), common)[:, 0]
     own = keys[boundary.edges].sum(axis=1, dtype=np.uint64)
-    by_key = np.argsort(marks, kind="stable")
-    surface = answer[by_key[np.searchsorted(marks, own, sorter=by_key)]] if len(own) else own.astype(np.int64)
+    surface = answer[rows_of(marks, own)]
     return np.where(surface == BETWEEN, found.edges, surface)
 
 

@@ -16,6 +16,7 @@ from pcontact.mesh.mesh import mixed
 from pcontact.mesh.raw import distinct
 from pcontact.mesh.refinement.simplices import home_of_key
 from pcontact.mesh.slices import COLUMN, MeshSlice, SliceBlock, bits
+from pcontact.runtime.parallel import rows_of
 
 # bits of a node; further neighbours have the last one together
 BITS = 64
@@ -252,9 +253,7 @@ class Neighbours:
         rows = exchanger.sharers(numbers * size // max(n_total, 1), numbers)
         self.ranks = np.unique(rows[:, 1])
         bit = np.minimum(np.searchsorted(self.ranks, rows[:, 1]), BITS - 1).astype(np.uint64)
-        order = np.argsort(numbers, kind="stable")
-        at = order[np.searchsorted(numbers, rows[:, 0], sorter=order)]
-        np.bitwise_or.at(self.shared, at, np.uint64(1) << bit)
+        np.bitwise_or.at(self.shared, rows_of(numbers, rows[:, 0]), np.uint64(1) << bit)
 
     def tell(self, keys, shared):
         """Send keys (n,) uint64 to the neighbours whose bits are set; those that came, in one array. *Collective.*"""
@@ -334,11 +333,8 @@ def to_base(exchanger, base, cells, table):
     # a third rank knows who has a cell
     known = exchanger.deliver(own * size // n, np.column_stack([own, np.full(len(own), exchanger.comm.rank)]))
     rows = exchanger.deliver(cells * size // n, np.column_stack([cells, table]))
-    order = np.argsort(known[:, 0])
-    to = known[order[np.searchsorted(known[:, 0], rows[:, 0], sorter=order)], 1] if len(rows) else rows[:, 0]
-    rows = exchanger.deliver(to, rows)
-    order = np.argsort(own)
-    at = order[np.searchsorted(own, rows[:, 0], sorter=order)] if len(rows) else rows[:, 0]
+    rows = exchanger.deliver(known[rows_of(known[:, 0], rows[:, 0]), 1], rows)
+    at = rows_of(own, rows[:, 0])
     order = np.argsort(at, kind="stable")
     return at[order], rows[order, 1:]
 

@@ -34,7 +34,7 @@ from pcontact.mesh.refinement.simplices import BASE, LINEAR, WISHED, Forest, Wis
 from pcontact.mesh.slices import COLUMN, MeshSlice, SliceBlock, bits, has_bit
 from pcontact.runtime import profile
 from pcontact.runtime.errors import InputError
-from pcontact.runtime.parallel import Exchanger, together
+from pcontact.runtime.parallel import Exchanger, rows_of, together
 from pcontact.runtime.petsc import MPI
 
 HALVED = ("triangle", "quadrilateral", "hexahedron")
@@ -283,12 +283,11 @@ def _wishes(exchanger, mesh, origin, more, rise):
 
 def _edges(base):
     """Edges of groups: local vertices (n, 2), and the column and bit of the group among those of nodes."""
-    order, result = np.argsort(base.file_nodes), []
+    result = []
     for k, name in enumerate(base.node_groups):
         edges = base.edge_groups.get(name, np.zeros((0, 2), dtype=np.int64))
         if len(edges):
-            local = order[np.searchsorted(base.file_nodes, edges, sorter=order)]
-            result.append((local, *divmod(k, COLUMN)))
+            result.append((rows_of(base.file_nodes, edges), *divmod(k, COLUMN)))
     return result
 
 
