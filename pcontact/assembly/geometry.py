@@ -5,9 +5,9 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact.element.dilatation import hoop_operator
-from pcontact.element.geometry import gradients
+from pcontact.element.geometry import cell_geometry
 from pcontact.element.quadrature import DEGREE, quadrature
-from pcontact.element.reference import CELLS, shape, shape_gradient
+from pcontact.element.reference import CELLS, shape
 
 CHUNK = 8192
 
@@ -98,10 +98,7 @@ def some_cells_weighted(space, number, rows):
     known = space.kept.get(("cells", number))
     if known is not None:
         return known.grad[rows], known.jxw[rows], shape(block.cell, space.degree, xi), xi
-    dshape = np.ascontiguousarray(shape_gradient(block.cell, space.degree, xi))
-    x = np.ascontiguousarray(mesh.points[table[rows]])
-    grad, jxw = np.empty((len(x), *dshape.shape)), np.empty((len(x), len(weights)))
-    gradients(x, np.ascontiguousarray(shape_gradient(block.cell, geometry_degree, xi)), dshape, weights, grad, jxw)
+    grad, jxw, _ = cell_geometry(block.cell, mesh.points[table[rows]], geometry_degree, space.degree, xi, weights)
     if space.axisymmetric:
         jxw *= 2.0 * np.pi * _radius(space, number, rows)
     return grad, jxw, shape(block.cell, space.degree, xi), xi
@@ -145,21 +142,8 @@ def chunks(space, number):
     values : ndarray (nq, nn)
         Shape functions.
     """
-    mesh, block = space.mesh, space.mesh.blocks[number]
-    table, geometry_degree, xi, weights = _rule(space, number)
-    dgeo = np.ascontiguousarray(shape_gradient(block.cell, geometry_degree, xi))
-    dshape = np.ascontiguousarray(shape_gradient(block.cell, space.degree, xi))
-    values, known = shape(block.cell, space.degree, xi), space.kept.get(("cells", number))
-    n, nq, nn = len(block.nodes), len(weights), dshape.shape[1]
+    n = len(space.mesh.blocks[number].nodes)
     for first in range(0, n, CHUNK):
         rows = slice(first, min(first + CHUNK, n))
-        if known is not None:
-            yield rows, known.grad[rows], known.jxw[rows], values
-            continue
-        x = np.ascontiguousarray(mesh.points[table[rows]])
-        grad = np.empty((len(x), nq, nn, mesh.dim))
-        jxw = np.empty((len(x), nq))
-        gradients(x, dgeo, dshape, weights, grad, jxw)
-        if space.axisymmetric:
-            jxw *= 2.0 * np.pi * _radius(space, number, rows)
+        grad, jxw, values, _ = some_cells_weighted(space, number, rows)
         yield rows, grad, jxw, values

@@ -5,9 +5,9 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact.assembly.geometry import CHUNK
-from pcontact.element.geometry import facet_geometry, gradients
+from pcontact.element.geometry import cell_geometry, facet_geometry
 from pcontact.element.quadrature import quadrature
-from pcontact.element.reference import facet_nodes, shape, shape_gradient
+from pcontact.element.reference import facet_nodes, shape
 from pcontact.runtime.petsc import MPI
 
 
@@ -78,12 +78,10 @@ def cell_patches(space, region, more=0):
         degree = 2 * space.degree + more + (geometry_degree - 1) * mesh.dim + space.axisymmetric
         xi, weights = quadrature(block.cell, degree)
         geo, values = (shape(block.cell, k, xi) for k in (geometry_degree, space.degree))
-        dgeo, dshape = (np.ascontiguousarray(shape_gradient(block.cell, k, xi)) for k in (geometry_degree, 1))
         for first in range(0, len(rows), CHUNK):
             some = rows[first : first + CHUNK]
-            x = np.ascontiguousarray(mesh.points[table[some]])
-            jxw = np.empty((len(some), len(weights)))
-            gradients(x, dgeo, dshape, weights, np.empty((len(some), *dshape.shape)), jxw)
+            x = mesh.points[table[some]]
+            _, jxw, _ = cell_geometry(block.cell, x, geometry_degree, 1, xi, weights)
             points = geo @ x
             shapes = np.broadcast_to(values, (len(some), *values.shape))
             weight = jxw * space.circumference(points)

@@ -20,9 +20,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pcontact.element.geometry import gradients
+from pcontact.element.geometry import cell_geometry
 from pcontact.element.quadrature import quadrature
-from pcontact.element.reference import CELLS, shape, shape_gradient
+from pcontact.element.reference import CELLS, shape
 
 
 def dilatation(grad, hoop=None):
@@ -217,9 +217,7 @@ def mean_dilatation(cell, x, geometry_degree, degree, order, axisymmetric, of=No
     Mean
     """
     xi, weights = quadrature(cell, order)
-    dshape = np.ascontiguousarray(shape_gradient(cell, degree, xi))
-    grad, jxw = np.empty((len(x), *dshape.shape)), np.empty((len(x), len(weights)))
-    gradients(x, np.ascontiguousarray(shape_gradient(cell, geometry_degree, xi)), dshape, weights, grad, jxw)
+    grad, jxw, _ = cell_geometry(cell, x, geometry_degree, degree, xi, weights)
     hoop = None
     if axisymmetric:
         radius = x[:, :, 0] @ shape(cell, geometry_degree, xi).T

@@ -98,6 +98,29 @@ def gradients(x, dgeo, dshape, weights, grad, jxw):
     return _gradients3(x, dgeo, dshape, weights, grad, jxw)
 
 
+def cell_geometry(cell, x, geometry_degree, degree, xi, weights):
+    """Gradients of shape functions, and volume weights, at points of cells.
+
+    Parameters
+    ----------
+    cell : str
+    x : ndarray, (nc, ng, d)
+        Coordinates of the geometry nodes of each cell.
+    geometry_degree, degree : int
+        Degrees of the geometry and of the shape functions.
+    xi, weights : ndarray, (nq, d), (nq,)
+        Quadrature rule on the reference cell.
+
+    Returns
+    -------
+    tuple of ndarray, ndarray, float
+        ``grad``, ``jxw`` and the smallest det J of :func:`gradients`.
+    """
+    dgeo, dshape = (np.ascontiguousarray(shape_gradient(cell, one, xi)) for one in (geometry_degree, degree))
+    grad, jxw = np.empty((len(x), *dshape.shape)), np.empty((len(x), len(weights)))
+    return grad, jxw, gradients(np.ascontiguousarray(x), dgeo, dshape, weights, grad, jxw)
+
+
 def facet_geometry(cell, x, local_facet, geometry_degree, degree, xi, weights):
     """Geometry of facets, and the parent cells' shape functions on them.
 

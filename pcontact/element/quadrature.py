@@ -13,8 +13,8 @@ import math
 
 import numpy as np
 
-from pcontact.element.geometry import gradients
-from pcontact.element.reference import CELLS, shape, shape_gradient
+from pcontact.element.geometry import cell_geometry
+from pcontact.element.reference import CELLS, shape
 
 MAX_DEGREE = 20
 
@@ -234,10 +234,7 @@ def reduced_gradients(cell, x, geometry_degree, xi):
         [1/length]
     """
     points, weights = quadrature(cell, DEGREE)
-    dshape = np.ascontiguousarray(shape_gradient(cell, 2, points))
-    grad, jxw = np.empty((len(x), *dshape.shape)), np.empty((len(x), len(weights)))
-    dgeo = np.ascontiguousarray(shape_gradient(cell, geometry_degree, points))
-    gradients(np.ascontiguousarray(x), dgeo, dshape, weights, grad, jxw)
+    grad, *_ = cell_geometry(cell, x, geometry_degree, 2, points, weights)
     nc, n, d = xi.shape
     share = from_points(cell, xi.reshape(nc * n, d)).reshape(nc, n, len(points))
-    return np.matmul(share, grad.reshape(nc, len(points), dshape.shape[1] * d)).reshape(nc, n, dshape.shape[1], d)
+    return np.matmul(share, grad.reshape(nc, len(points), -1)).reshape(nc, n, -1, d)

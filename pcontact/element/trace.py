@@ -20,9 +20,9 @@ from functools import partial
 import numpy as np
 
 from pcontact.element.dilatation import PLAIN, dilatation, factors, hoop_operator, linear, mean_dilatation, squares
-from pcontact.element.geometry import facet_geometry, gradients
+from pcontact.element.geometry import cell_geometry, facet_geometry
 from pcontact.element.quadrature import DEGREE, quadrature, reduced_gradients
-from pcontact.element.reference import CELLS, facet_nodes, facet_points, n_nodes, reference_nodes, shape, shape_gradient
+from pcontact.element.reference import CELLS, facet_nodes, facet_points, n_nodes, reference_nodes, shape
 from pcontact.runtime.jit import njit
 
 # A cell is straight if its degree-2 nodes are off the middles by less than this fraction of its extent.
@@ -195,11 +195,10 @@ def _stiffness(layout, x, lam, mu, kind, rest=None):
     cell, geometry_degree, degree, order = layout
     axisymmetric, averaged = kind.axisymmetric, kind.averaged
     points, weights = quadrature(cell, order)
-    dgeo, dshape = shape_gradient(cell, geometry_degree, points), shape_gradient(cell, degree, points)
-    grad, jxw = np.empty((len(x), *dshape.shape)), np.empty((len(x), len(weights)))
-    if not gradients(x, dgeo, dshape, weights, grad, jxw) > 0.0:
+    grad, jxw, least = cell_geometry(cell, x, geometry_degree, degree, points, weights)
+    if not least > 0.0:
         raise ValueError(f"trace constant: a {cell} is inverted or degenerate")
-    size = dshape.shape[1] * dshape.shape[2]
+    size = grad.shape[2] * grad.shape[3]
     hoop, plain = None, not (axisymmetric or averaged)
     if axisymmetric:
         radius = x[:, :, 0] @ shape(cell, geometry_degree, points).T

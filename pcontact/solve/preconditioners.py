@@ -325,12 +325,16 @@ class ContactPreconditioner:
 
     def setUp(self, pc):  # noqa: N802
         """Called by PETSc when the matrix has changed. *Collective.*"""
-        matrix, other = pc.getOperators()
-        self.inner.setOperators(matrix, other)
+        self.size = self._direct.factorise(self._renew(pc), self._choose())
+
+    def _renew(self, pc):
+        """Set the inner preconditioner up with the matrices of another one, and return the one that it is made of.
+        *Collective.*"""
+        self._matrix, other = pc.getOperators()
+        self.inner.setOperators(self._matrix, other)
         self.inner.setUp()
-        self.size = self._direct.factorise(other, self._choose())
-        self._matrix = matrix
         self._rest, self._step = other.createVecLeft(), other.createVecRight()
+        return other
 
     def apply(self, pc, residual, solution):
         """Solution = M residual. *Collective.*"""
@@ -481,17 +485,13 @@ class Deflation(ContactPreconditioner):
 
     def setUp(self, pc):  # noqa: N802
         """Called by PETSc when the matrix has changed. *Collective.*"""
-        matrix, other = pc.getOperators()
-        self.inner.setOperators(matrix, other)
-        self.inner.setUp()
+        other = self._renew(pc)
         self.free()
-        self._matrix = matrix
         moved = other.matMult(self._basis)
         coarse = self._basis.transposeMatMult(moved)
         moved.destroy()
         self._solver = factorised(coarse, BODIES_PREFIX)
         self._b, self._x = coarse.createVecLeft(), coarse.createVecRight()
-        self._rest, self._step = other.createVecLeft(), other.createVecRight()
 
     def apply(self, pc, residual, solution):
         """Solution = M residual. *Collective.*"""
