@@ -64,10 +64,9 @@ class Balance:
 
         Rounding errors of a body's own forces are nothing.
         """
-        problem, bodies = self._problem, self._bodies
-        left = np.linalg.norm(bodies.sums_along(f.getArray(readonly=True).reshape(-1, problem.space.dim)), axis=1)
-        forces = (problem.active.borne(u) + problem.forces.by_component(u))[bodies.bodies] / np.sqrt(self._nodes)
-        moves = left > np.maximum(LEFT * forces, self._rounding(u))
+        sums = self._bodies.sums_along(f.getArray(readonly=True).reshape(-1, self._problem.space.dim))
+        left = np.linalg.norm(sums, axis=1)
+        moves = self._moves(u, left)
         if not moves.any():
             return True
         rest = float(np.linalg.norm(left[moves]))
@@ -75,11 +74,16 @@ class Balance:
         self._least = min(self._least, rest)
         return self._vain >= VAIN
 
+    def _moves(self, u, left):
+        """Whether forces along the free motions (n_bodies,) are more than what counts as none [force]. *Collective.*"""
+        forces = self._problem.active.borne(u) + self._problem.forces.by_component(u)
+        return left > np.maximum(LEFT * forces[self._bodies.bodies] / np.sqrt(self._nodes), self._rounding(u))
+
     def falls(self, u, y, f):
         """Components (n_components,) that nothing but the stabilisation holds back in the Newton step ``-y`` from
         ``u``, where the residual is ``f``. *Collective.*
 
-        What the tangent says of such a body is where it goes, not how far. Rounding errors make none fall.
+        What the tangent says of such a body is where it goes, not how far. What counts as no force makes none fall.
         """
         problem, bodies = self._problem, self._bodies
         y, f = (vector.getArray(readonly=True).reshape(-1, problem.space.dim) for vector in (y, f))
@@ -87,9 +91,9 @@ class Balance:
         rest, force = np.linalg.norm(force - held, axis=1), np.linalg.norm(force, axis=1)
         falls = np.zeros(problem.space.mesh.n_components, dtype=bool)
         falls[bodies.bodies] = (force > 0.0) & (rest <= BORNE_IN_FALL * force)
-        # the sums are the same on all ranks; rounding errors cost as much as a residual
+        # the sums are the same on all ranks; what counts as no force costs as much as a residual
         if falls.any():
-            falls[bodies.bodies] &= force > self._rounding(u)
+            falls[bodies.bodies] &= self._moves(u, force)
         return falls
 
 

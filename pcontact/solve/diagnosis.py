@@ -92,7 +92,7 @@ def _unheld(problem, u, loose):
     listed = ", ".join(dict.fromkeys(names[k] for k in lost or loose))
     if not lost:
         return f"contact alone holds {listed}, and may not be able to: a support is missing"
-    before = "contact has let go" if problem.active.touched()[lost].any() else "no contact force has held before"
+    before = "contact has let go" if problem.active.touched()[lost].any() else "no contact held before this load step"
     return f"no support holds {listed}, which {before}: a support is missing, or a load that presses it on another body"
 
 

@@ -1,5 +1,6 @@
 """Whether the forces on a loose body balance, and whether it falls."""
 
+import numpy as np
 import pytest
 
 from meshes import two_blocks
@@ -31,8 +32,9 @@ def simulation(shared_tmp):
 
 
 @pytest.mark.parallel
-def test_balance(simulation):
-    """A body falls where the stabilisation alone answers its load; it rests where nothing pulls, or nothing helps."""
+def test_balance(simulation, monkeypatch):
+    """A body falls where the stabilisation alone answers its load; it rests where nothing pulls, or nothing helps, and
+    does neither for a force that is nothing beside those that its supports bear."""
     problem = simulation.problem
     space = problem.space
     problem.items[1].detect(space.vector(), 0.0)
@@ -52,6 +54,9 @@ def test_balance(simulation):
         vector.stateIncrease()
     falls = balance.falls(u, y, f)
     assert falls[number] and falls.sum() == 1
+    with monkeypatch.context() as loaded:
+        loaded.setattr(problem.forces, "by_component", lambda u: np.full(space.mesh.n_components, 1e8))
+        assert balance.rests(u, f) and not balance.falls(u, y, f).any()
     # something else bears nine tenths of it
     y.scale(0.1)
     assert not balance.falls(u, y, f).any()

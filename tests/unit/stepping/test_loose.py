@@ -336,7 +336,7 @@ def test_what_nothing_ever_held_is_told_apart():
 
 @pytest.mark.parametrize(
     ("traction", "said"),
-    [([0.0, 100.0], "no support holds upper, which no contact force has held before: a support is missing"),
+    [([0.0, 100.0], "no support holds upper, which no contact held before this load step: a support is missing"),
      ([10.0, -1.0], "contact alone holds upper, and may not be able to: a support is missing")],
 )  # fmt: skip
 def test_a_missing_support_is_named(tmp_path, traction, said):
