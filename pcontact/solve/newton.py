@@ -19,7 +19,7 @@ from pcontact.runtime.petsc import (
     keep_preconditioner,
     newton_reasons,
 )
-from pcontact.solve.convergence import Balance, ConvergenceTest, NewtonResult, combined
+from pcontact.solve.convergence import LESS, Balance, ConvergenceTest, NewtonResult, combined
 from pcontact.solve.diagnosis import diagnose
 from pcontact.solve.preconditioners import (
     BY_OPERATOR,
@@ -158,9 +158,8 @@ APPROACH = 0.5
 # [-] Part of a Newton step that the next one may be as long as where the residual has risen. From: LESS of
 # convergence.py. Row: correction.
 CONTRACTS = 0.5
-# [iterations] In which the residual may stay above the least one of a run where bodies bend, and of which the largest
-# bounds it where bodies are held (L. Grippo, F. Lampariello, S. Lucidi, SIAM J. Numer. Anal. 23 (1986), 707-716).
-# From: the watchdog of R. Chamberlain, M. Powell, C. Lemarechal and H. Pedersen, Math. Prog. Study 16 (1982), 1-17;
+# [iterations] In which the residual may stay above the least one of a run where bodies bend. From: the watchdog of
+# R. Chamberlain, M. Powell, C. Lemarechal and H. Pedersen, Math. Prog. Study 16 (1982), 1-17;
 # bending scenes of the study of robustness take 198 to 212 iterations with 5 to 10, and 223 without. Row: correction.
 WATCHED = 8
 # [force] Bound of a residual that may be as large as it likes if it has a value. From: the largest double.
@@ -202,7 +201,7 @@ class Globalisation:
         # part that was taken of a step in which the residual has risen, and its norm at the beginning of that step
         self._risen = None
         # least norm of the residual, and iterations since then
-        self._least, self._since, self._norms = np.inf, 0, []
+        self._least, self._since = np.inf, 0
         # the residual at the end of a full step, when that has been tried and will be asked for again
         self._known = None
 
@@ -249,14 +248,14 @@ class Globalisation:
     def _nears(self, x, y, first):
         """Return True if a full step is taken since something resists every motion of the bodies, as inertia does: such
         a load step begins near where it ends, and no contact travels through bodies. The first step may close too much,
-        which the second one undoes; after that the norm of the residual, `first` at ``x``, stays below the largest of
-        the last iterates. *Collective.*"""
+        which the second one undoes; after that a step leaves less than `LESS` of the norm of the residual, `first` at
+        ``x``: points that slide forth and back leave as much of it, time after time. *Collective.*"""
         if self._problem.bulk.extrapolates or not any(item.holds for item in self._problem.others):
             return False
         self._go(x, y, 1.0)
         self._problem.residual(self._trial, self._full)
-        norm, self._norms = self._full.norm(), [*self._norms, first][-WATCHED:]
-        if not (np.isfinite(norm) and (self._begins or norm <= max(self._norms))):
+        norm = self._full.norm()
+        if not (np.isfinite(norm) and (self._begins or norm <= LESS * first)):
             return False
         self._begins, self._known = False, self._full
         return True

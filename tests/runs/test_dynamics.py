@@ -13,12 +13,14 @@ from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import (
     Body,
+    Contact,
     Coupling,
     Displacement,
     Dynamics,
     Load,
     Material,
     MeshSpec,
+    Obstacle,
     Output,
     Phase,
     Scene,
@@ -86,6 +88,23 @@ def test_a_support_goes_on_in_the_next_phase(shared_tmp):
     assert force[(time > 1.1) & (time < 1.4)] == pytest.approx(0.01 + speed, rel=0.05)
     assert force[(time > 1.5) & (time < 1.8)] == pytest.approx(0.02 - 0.01, abs=0.05 * speed)
     assert max(abs(step["energy"]["defect"]) for step in steps) < 1e-12
+
+
+def test_a_stiff_block_that_a_belt_drags(shared_tmp):
+    """Its waves are too fast for the load steps, and points slide to and fro: steps of Newton's method do not."""
+    path, belt = make(one_block, shared_tmp / "b.msh", 2, (6, 3), size=[2.0, 1.0]), [[0, 0], [0.2, 1]]
+    floor = Obstacle("plane", point=[0.0, 0.0], normal=[0.0, 1.0], displacement=[0.2, 0.0], amplitude=belt)
+    scene = Scene(
+        MeshSpec(path), {"m": Material(1e6, 0.3, density=1.0)}, [Body("block", "m")],
+        contacts=[Contact("bottom", obstacle=floor, name="belt", friction=0.5)],
+        loads=[Load("top", pressure=100.0, amplitude=[[0, 1], [1, 1]])],
+        steps=Steps(0.2, 20), output=Output(fields=False), dynamics=Dynamics(),
+    )  # fmt: skip
+    steps = run(scene, SELF, shared_tmp / "out")
+    assert len(steps) == 20 and not any(step["cutbacks"] for step in steps)
+    assert sum(step["newton"] for step in steps) < 150
+    # it goes with the belt as soon as friction has given it that speed, and vibrates
+    assert steps[-1]["inertia"]["momentum"][0] == pytest.approx(2.0, rel=5e-3)
 
 
 def test_a_checkpoint_is_of_its_integrator(shared_tmp):
