@@ -11,7 +11,7 @@ from importlib import import_module  # noqa: E402
 
 from pcontact.runtime import log, process  # noqa: E402
 from pcontact.runtime.errors import InputError, NoPetsc  # noqa: E402
-from pcontact.usage import parse, usage  # noqa: E402
+from pcontact.usage import answer, parse  # noqa: E402
 
 
 def main(arguments=None):
@@ -21,12 +21,12 @@ def main(arguments=None):
         command, about, _ = parse(arguments)
     except InputError:
         # told below, as all that is wrong
-        command = None
+        command, about = None, None
     process.reserve()
     # of several processes the first one speaks
     log.setup(0 if process.is_first() else 1)
-    if command == "help":
-        log.info("%s", usage(about))
+    if (words := answer(command, about)) is not None:
+        log.info("%s", words)
         log.finish()
         return
     try:

@@ -26,6 +26,7 @@ from pcontact.runtime import log, process
 from pcontact.runtime.declared import COMMAND_LINE, CONVERT, DEMO, JSON, MODES, NEW, WARM, read_all
 from pcontact.runtime.errors import TOLD, InputError, counted
 from pcontact.runtime.files import replace_file
+from pcontact.runtime.lock import reserved
 from pcontact.runtime.options import Options
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
@@ -35,7 +36,7 @@ from pcontact.scene.schema import schema
 from pcontact.scene.validate import check_masses
 from pcontact.simulation import Simulation
 from pcontact.space.modes import component_boxes, near_pairs
-from pcontact.usage import COMMANDS, declared, parse, usage
+from pcontact.usage import COMMANDS, answer, declared, parse
 from pcontact.view import show
 from pcontact.warm import warm
 
@@ -340,8 +341,8 @@ def print_schema(path=None, of="scene"):
 
 
 def _execute(command, operand, options):
-    if command == "help":
-        log.info("%s", usage(operand))
+    if (words := answer(command, operand)) is not None:
+        log.info("%s", words)
         return 0
     operands, sets = operand if isinstance(operand, list) else [operand], options.pop("set", [])
     for word in filter(None, (*operands, *options.values(), *sets)):
@@ -385,6 +386,9 @@ def _execute(command, operand, options):
         check_scene(scene)
         return 0 if aimed is None else forecast(aimed)
     directory = options.get("o") or Path(operand).stem + "_results"
+    # a place that cannot be written to is told before the mesh is read
+    with reserved(directory, comm):
+        pass
     if command == "modes":
         return vibrate(scene, Path(directory), MODES["count"].read(options.get("count", str(MODES["count"].default))))
     aimed = wanted(scene, Options())

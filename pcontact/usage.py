@@ -33,7 +33,7 @@ PETSC_HELP = """\
                                                    any option of PETSc; -help with a scene lists them"""
 EXIT = """\
 Exit status: 0 all steps converged, 1 a step did not converge, 2 the input is wrong, 3 output cannot be written or
-another run writes there, 4 the error to reach (-error) was not reached."""
+another run writes there, 4 the error to reach (-error) was not reached, 130 or 143 stopped by Ctrl-C or SIGTERM."""
 
 
 class Command(NamedTuple):
@@ -127,9 +127,16 @@ def usage(command=None):
             lines += [f"{title}:", *help_lines(options)]
         lines += ["Of PETSc:", PETSC_HELP]
     for name, one in named.items():
-        if one.options is not None:
+        if one.options:
             lines += [f"Options of {name}:", *help_lines(one.options.values())]
     return "\n".join([*lines, EXIT])
+
+
+def answer(command, about=None):
+    """Return the text that ``help``, of all commands or `about` one, and ``version`` print; None of other commands."""
+    if command == "help":
+        return usage(about)
+    return f"pcontact {__version__}" if command == "version" else None
 
 
 def parse(arguments):
@@ -151,8 +158,10 @@ def parse(arguments):
     ------
     InputError
     """
-    if not arguments or arguments[0] in ("-h", "--help", "-help"):
-        return "help", None, {}
+    if not arguments or arguments[0].lstrip("-") in ("h", "help"):
+        return "help", next((one for one in arguments[1:] if one in COMMANDS), None), {}
+    if arguments[0].lstrip("-") in ("V", "version"):
+        return "version", None, {}
     command, rest = arguments[0], list(arguments[1:])
     if command not in COMMANDS:
         allowed = f"{', '.join(COMMANDS)}{nearby(command, COMMANDS)}"
@@ -181,7 +190,7 @@ def parse(arguments):
     if asks and (operand is None or COMMANDS[command].options is not None):
         return "help", command, {}
     if wanted and (operand is None or COMMANDS[command].many and len(operand) < 2):
-        found = "no operand" if operand is None else operand[0]
+        found = "no operand" if operand is None else f"{operand[0]} alone"
         raise InputError(f"command line: pcontact {command}: found {found}; allowed: {wanted}")
     if operand is not None and not wanted:
         raise InputError(f"command line: pcontact {command}: found {operand!r}; allowed: no operand")

@@ -15,7 +15,7 @@ from pcontact.element.reference import n_nodes
 from pcontact.mesh.raw import KINDS, LOWER, FileMesh, Table, default_name
 from pcontact.runtime import log
 from pcontact.runtime.errors import InputError
-from pcontact.runtime.files import reading
+from pcontact.runtime.files import GEOMETRIES, reading
 
 # cell data that number groups, by format
 _TAG_KEYS = (
@@ -33,6 +33,8 @@ _TAG_KEYS = (
 _UNREADABLE = "cannot be read as {}: {{kind}}: {{reason}}; allowed: a complete file of that type"
 # nodes of cells that are filled up later
 _INCOMPLETE = {"quad8": 8, "hexahedron20": 20, "wedge15": 15, "pyramid13": 13}
+# types that meshio does not know, see `pcontact.mesh.read.READERS`
+_WITHOUT_MESHIO = ".h5", ".unv"
 _INSTALL = "another file type, or that package installed"
 # kind (meshio's name) and dimension by the beginning of an Exodus type and the number of nodes
 _EXODUS_KINDS = {
@@ -74,6 +76,16 @@ _OTHERS = {"SE4": 1, "TR7": 2, "POG": 2, "POG2": 2}
 _NAME = 80
 
 
+def instead(path):
+    """What makes a mesh of a file that holds something else, in words for a message; empty where nothing is known."""
+    suffix = path.suffix.lower()
+    if suffix == ".inp":
+        return f"; of a deck of Abaqus or CalculiX, pcontact import {path} makes a scene with its mesh"
+    if suffix in (*GEOMETRIES, ".iges", ".igs"):
+        return f"; of a geometry, gmsh -3 -order 2 {path} -o {path.with_suffix('.msh')} makes a mesh (in the plane: -2)"
+    return ""
+
+
 def read_meshio(path):
     """Read a file by meshio; its messages go to the log, its failures become an InputError."""
     suffix = path.suffix.lower()
@@ -84,7 +96,8 @@ def read_meshio(path):
         raise InputError(f'{path}: needs the Python package "{error.name}"; allowed: {_INSTALL}') from None
     known = sorted(meshio.extension_to_filetypes)
     if not any(path.name.lower().endswith(extension) for extension in known):
-        raise InputError(f'{path}: found the unknown mesh file type "{suffix}"; allowed: {", ".join(known)}')
+        allowed = ", ".join(sorted({*known, *_WITHOUT_MESHIO}))
+        raise InputError(f'{path}: found the unknown mesh file type "{suffix}"; allowed: {allowed}{instead(path)}')
     said = io.StringIO()
     try:
         with redirect_stdout(said), redirect_stderr(said):
@@ -95,7 +108,7 @@ def read_meshio(path):
         reason = said.getvalue() if isinstance(error, SystemExit) else f"{type(error).__name__}: {error}"
         reason = " ".join(reason.split()) or "no reason given"
         raise InputError(
-            f"{path}: cannot be read as {suffix}: {reason}; allowed: a complete file of that type"
+            f"{path}: cannot be read as {suffix}: {reason}; allowed: a complete file of that type{instead(path)}"
         ) from None
     if said.getvalue().strip():
         log.debug("%s: %s", path, " ".join(said.getvalue().split()))

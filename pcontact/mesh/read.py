@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact.element.reference import CELLS
-from pcontact.mesh.formats import from_meshio, read_exodus, read_med, read_meshio
+from pcontact.mesh.formats import from_meshio, instead, read_exodus, read_med, read_meshio
 from pcontact.mesh.msh import read_gmsh, read_unv
 from pcontact.mesh.plex import read_petsc_file
 from pcontact.mesh.raw import (
@@ -145,7 +145,7 @@ def _dimension(file, path):
         held = ", ".join(f"{n} of type {kind}" for (_, kind), n in counts.items()) or "nothing"
         raise InputError(
             f"{path}: the elements of the file are {held}; allowed: cells of dimension 2 or 3 "
-            "(gmsh saves only what is in a physical group)"
+            f"(gmsh saves only what is in a physical group){instead(path)}"
         )
     grouped = {(d, file.tables[k].kind) for (d, _), parts in file.groups.items() for k, _ in parts}
     for (d, kind), n in sorted(counts.items(), reverse=True):

@@ -90,6 +90,12 @@ class Option:
         return " | ".join(map(str, self.rule.schema.get("enum", []))) or self.rule.allowed
 
     @property
+    def words(self) -> str:
+        """What ``--help`` says of values whose type alone does not tell how they are written."""
+        plain = self.value or self.rule.schema.get("enum") or self.rule.schema["type"] not in ("string", "array")
+        return "" if plain or self.allowed.startswith(("a string", "the name of")) else f": {self.allowed}"
+
+    @property
     def usage(self) -> str:
         """The option as ``--help`` shows it, with what stands for its value."""
         words = self.rule.schema.get("enum", [])
@@ -159,7 +165,7 @@ def help_lines(options: Iterable[Option], column: int = 51, width: int = 120) ->
         if len(usage) > column or usage[-1] != " ":
             lines.append(usage.rstrip())
             usage = indent
-        lines += textwrap.wrap((option.help + default).replace("`", ""), width, initial_indent=usage,
+        lines += textwrap.wrap((option.help + option.words + default).replace("`", ""), width, initial_indent=usage,
                                subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)  # fmt: skip
     return lines
 

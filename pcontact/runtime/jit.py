@@ -35,9 +35,8 @@ from numba.core.runtime import rtsys
 
 from pcontact.runtime import log
 
-# [s] How often the line of a terminal changes, and after how long a file has another one. From: chosen; somebody who
-# looks at it sees that it goes on, and who reads the file later has a few lines more.
-ON_TERMINAL, IN_FILE = 0.5, 10.0
+# [s] How often the line of a terminal changes. From: chosen; somebody who looks at it sees that it goes on.
+ON_TERMINAL = 0.5
 
 # [-] Numbers of new objects after which Python looks for cycles, while kernels are compiled. From: scenes in the plane:
 # with its own, 700, it spends 12 % of a compilation on that, with these 7 %, for 16 MB.
@@ -97,7 +96,7 @@ class _Teller(threading.Thread):
         took = _State.seconds + clock.perf_counter() - _State.start
         text = f"compiling kernels: {_State.kernels} in {took:.0f} s"
         self._line.say(text)
-        if not self._line.shown and took - _State.told_at >= IN_FILE:
+        if not self._line.shown and took - _State.told_at >= log.IN_FILE:
             _State.told_at = took
             log.info("%s", text)
 

@@ -53,7 +53,7 @@ class _Lock:
 
     def __init__(self, directory, said):
         folder = Path(directory).absolute()
-        above = [path for path in (folder, *folder.parents) if not path.exists()]
+        above = [path for path in (folder, *folder.parents) if not os.path.exists(path)]
         existing = above[-1].parent if above else folder
         if not existing.is_dir():
             raise _refused(said, directory, existing, "not a directory")

@@ -21,6 +21,8 @@ _COLOURS, _PLAIN = {"red": "\033[31m", "green": "\033[32m", "yellow": "\033[33m"
 _OBEYED = re.compile(r"\033\[\d*m|[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 # a library leaves it to its caller's logging what is shown
 LOGGER.addHandler(logging.NullHandler())
+# [s] After how long without a line a file has another one. From: chosen; who reads the file later has a few lines more.
+IN_FILE = 10.0
 LEVELS = {"error": logging.ERROR, "warning": logging.WARNING, "info": logging.INFO, "debug": logging.DEBUG}
 
 
@@ -284,7 +286,7 @@ class Progress:
     def __init__(self, total, label="", lines=10):
         stream, shown = _State.stream, LOGGER.isEnabledFor(logging.INFO)
         self.total, self.label, self.lines, self.value = total, label, lines, 0.0
-        self._shown, self._said = 0, 0.0
+        self._shown, self._drawn, self._said = 0, 0.0, clock.monotonic()
         self._bar = None
         if _State.rank == 0 and shown and process.is_terminal(stream):
             # before the postfix there is a comma
@@ -300,7 +302,7 @@ class Progress:
 
     def to(self, value, text=""):
         """Move on to `value`, between 0 and `total`, with a remark."""
-        step, self.value = value - self.value, value
+        step, self.value, self._said = value - self.value, value, clock.monotonic()
         if self._bar is not None:
             try:
                 self._bar.set_postfix_str(text, refresh=False)
@@ -318,14 +320,18 @@ class Progress:
             info("%s", " ".join(filter(None, [self.label, f"{100 * value / self.total:.0f} %", text])))
 
     def say(self, text):
-        """Show a remark on the bar, where there is one."""
+        """Show a remark on the bar; in a file, if nothing was said for `IN_FILE` seconds, as a line."""
+        now = clock.monotonic()
         if self._bar is not None:
             with suppress(OSError):
                 self._bar.set_postfix_str(text, refresh=False)
                 # no more often than tqdm draws
-                if clock.monotonic() - self._said > self._bar.mininterval:
+                if now - self._drawn > self._bar.mininterval:
                     self._bar.refresh()
-                    self._said = clock.monotonic()
+                    self._drawn = now
+        elif _State.rank == 0 and now - self._said >= IN_FILE:
+            self._said = now
+            info("%s", text)
 
     def close(self):
         """Take the bar away."""

@@ -369,9 +369,9 @@ COEFFICIENTS = Rule(
     {"type": "object", "additionalProperties": COEFFICIENT.schema},
 )  # fmt: skip
 SCALAR = _or_expression(number())._replace(allowed=f"a finite number, or {ALLOWED}")
-VECTOR = sequence("a list of one finite number per direction (2 or 3)", number(), (2, 3))
+VECTOR = sequence("a list of 2 or 3 finite numbers, one per direction", number(), (2, 3))
 STIFFNESSES = sequence(
-    "a list of one number >= 0 per direction (2 or 3), not all zero", number(least=0), (2, 3), any
+    "a list of 2 or 3 numbers >= 0, one per direction, not all zero", number(least=0), (2, 3), any
 )
 STIFFNESSES.schema["contains"] = {"not": {"const": 0}}
 MOMENT = _or_list(
@@ -385,16 +385,18 @@ INERTIA = _or_list(
     "a number >= 0 in the plane, a list of 3 of them about the axes of the mesh in space", number(least=0),
     sequence("", number(least=0), (3,)),
 )  # fmt: skip
-WAYS = sequence('a list of one finite number or "free" per direction (2 or 3)', either("", "free", number()), (2, 3))
+WAYS = sequence(
+    'a list of 2 or 3 entries, one per direction: a finite number or "free"', either("", "free", number()), (2, 3)
+)
 FOUNDATION = _or_list(f"a number > 0, along the normal, or {STIFFNESSES.allowed}", number(above=0), STIFFNESSES)
 VECTORS = sequence(
-    f"a list of one finite number or expression per direction (2 or 3), {ALLOWED}", _or_expression(number()), (2, 3)
+    f"a list of 2 or 3 entries, one per direction: a finite number, or {ALLOWED}", _or_expression(number()), (2, 3)
 )
 COMPONENTS = sequence(
-    f'a list of one finite number, "free" or expression per direction (2 or 3), {ALLOWED}',
+    f'a list of 2 or 3 entries, one per direction: a finite number, "free", or {ALLOWED}',
     _or_expression(either("", "free", number()), ("free",)), (2, 3),
 )  # fmt: skip
-DIRECTION = sequence("a list of one finite number per direction (2 or 3), not all zero", number(), (2, 3), any)
+DIRECTION = sequence("a list of 2 or 3 finite numbers, one per direction, not all zero", number(), (2, 3), any)
 DIRECTION.schema["contains"] = {"not": {"const": 0}}
 FUNCTION = text('"FILE.py:NAME", a function in a Python file beside the scene', _function, r"\.py:[^:]+$")
 EXPRESSION = text(ALLOWED, _expression)

@@ -1076,11 +1076,11 @@ class Scene:
     petsc: dict[str, str] = field(default_factory=dict)
     title: str = key(ANY_TEXT, "what the report and the pictures are called", default="")
     accuracy: str | Target | None = key(
-        preset_or_target(choice(*PRESETS)), "preset: what is not said is set to what pays; or an error to reach",
+        preset_or_target(choice(*PRESETS)), "preset of what scene and options leave open, or an error to reach",
         default=None,
         otherwise="none", option="accuracy", said=choice(*PRESETS),
-        more="solver options and, on a mesh of degree 2, the degree of the displacement, where neither the scene nor "
-        "the command line says it; an error to reach refines the mesh; see [accuracy.md](accuracy.md)",
+        more="a preset sets tolerances, searches and, on a mesh of degree 2, the degree of the displacement; an error "
+        "to reach refines the mesh; see [accuracy.md](accuracy.md)",
     )  # fmt: skip
     allow_unsafe: Sequence[str] = key(
         sequence("a list of " + choice(*UNSAFE).allowed, choice(*UNSAFE)),
@@ -1259,4 +1259,5 @@ def groups_named(one: object) -> Iterator[tuple[str, str, str]]:
     for attribute, declared in keys(type(one)).items():
         kind, name = declared.group, getattr(one, attribute)
         if kind and name is not None:
+            attribute = "surfaces" if getattr(one, "surfaces", None) else attribute
             yield attribute, name, kind(one) if callable(kind) else kind

@@ -274,8 +274,9 @@ def _require(scene, key, name, groups, kinds, mesh_path):
         other = next((_KINDS[kind] for kind in groups if name in groups[kind]), None)
         if other is not None:
             raise input_error(scene.where, key, f"{name!r}, {other}", allowed)
-        found = unknown_name(name, f"no such group in {mesh_path}{'' if known else ', which has none of these'}", known)
-        raise input_error(scene.where, key, found, allowed + advice)
+        none = "" if known else f": {mesh_path} has none (in gmsh they are physical groups)"
+        raise input_error(scene.where, key, unknown_name(name, f"no such group in {mesh_path}", known),
+                          f"the name of {words}{none}{advice}" if none else allowed + advice)  # fmt: skip
     if known[name] == 0:
         raise input_error(scene.where, key, f"{name!r}, an empty group", allowed)
 
@@ -291,8 +292,8 @@ def _check_apart(scene, where, contact, facet_groups):
 def _refuse_common(scene, where, contact, common):
     if common:
         found = f"{contact.target!r}, which has {common} of the facets of {contact.source!r}"
-        allowed = f"a surface that shares no facet with {contact.source!r}"
-        raise input_error(scene.where, f"{where}.target", found, allowed)
+        allowed = f"a surface that shares no facet with {contact.source!r}: the mesh of each body has nodes of its own"
+        raise input_error(scene.where, f"{where}.{'surfaces' if contact.surfaces else 'target'}", found, allowed)
 
 
 def check_apart(scene: Scene, common: Mapping[tuple[str, str], int]) -> None:

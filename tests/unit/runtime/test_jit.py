@@ -182,7 +182,7 @@ def test_signs_of_life_while_one_kernel_is_compiled(monkeypatch, terminal):
     state = SimpleNamespace(**{name: value for name, value in vars(jit._State).items() if name[0] != "_"})
     monkeypatch.setattr(jit, "_State", state)
     monkeypatch.setattr(jit, "ON_TERMINAL", 0.01)
-    monkeypatch.setattr(jit, "IN_FILE", 0.1)
+    monkeypatch.setattr(log, "IN_FILE", 0.1)
     monkeypatch.setattr(jit, "resident", iter([5_000_000, 7_500_000]).__next__)
     state.seconds, state.kernels, state.bytes, state.said, state.told_at = 41.8, 6, 500_000, False, 41.8
     log.setup(0, stream)

@@ -72,6 +72,19 @@ def test_progress_in_a_file_is_plain_lines(stream):
         "load 25 % step 5", "load 50 % step 10", "load 75 % step 15", "load 100 % step 20"]
 
 
+def test_a_long_load_step_in_a_file(stream, monkeypatch):
+    """Its residuals are a line where there was none for long."""
+    log.setup(0, stream)
+    with log.Progress(2.0, "load", lines=0) as progress:
+        progress.say("residual 1e+00")
+        monkeypatch.setattr(log, "IN_FILE", 0.0)
+        progress.say("residual 1e+00 2e-01")
+    log.setup(1, stream)
+    with log.Progress(2.0, "load", lines=0) as progress:
+        progress.say("of another rank")
+    assert stream.getvalue() == "residual 1e+00 2e-01\n"
+
+
 def test_progress_of_a_silent_rank(stream):
     log.setup(2, stream)
     with log.Progress(1.0) as progress:

@@ -107,6 +107,8 @@ def test_regions(full):
         ('"block_top"', '"nobody"', "contacts[0] (ball-block).target", "an empty group", "ball_skin"),
         ('"block_top"\nfric', '"blocktop"\nfric', "contacts[0] (ball-block).target", "'block_top'",
          "a group of facets"),
+        ('source = "ball_skin"\ntarget = "block_top"', 'surfaces = ["ball_skn", "block_top"]',
+         "contacts[0] (ball-block).surfaces", "the nearest is 'ball_skin'", "block_top"),
         ('n = "ball_top"', 'n = "bell"', "displacements[0] (bell).region", "the nearest is 'ball'",
          "a group of a.msh"),
         ('"block_top"\npre', '"block"\npre', "loads[0] (block).region", "a group of cells",
@@ -126,4 +128,4 @@ def test_regions_refuses(write, old, new, key, found, allowed):
 
 
 def test_regions_of_a_mesh_without_groups(full):
-    refused(lambda: check_regions(full, {}, {}, {}, "a.msh"), "bodies[0] (block).region", "(there are none)")
+    refused(lambda: check_regions(full, {}, {}, {}, "a.msh"), "bodies[0] (block).region", "a.msh has none (in gmsh")
