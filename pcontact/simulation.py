@@ -30,7 +30,7 @@ from pcontact.runtime.petsc import MPI, free_garbage
 from pcontact.runtime.presets import Choice
 from pcontact.scene.amplitude import corners, drive
 from pcontact.scene.describe import describe
-from pcontact.scene.phases import come_and_go, phase_at, scene_of, spans
+from pcontact.scene.phases import closing, come_and_go, phase_at, scene_of, spans
 from pcontact.scene.validate import check_degrees
 from pcontact.solve.newton import Newton
 from pcontact.solve.vibration import frequencies
@@ -208,7 +208,7 @@ class Simulation:
     def _assemble(self):
         """The problem of the present phase, or of the run, and what solves it. *Collective.*"""
         # what acts in the phase
-        self.part = scene_of(self.scene, self.number) if self.spans else self.scene
+        self.part = closing(self.scene, self.number)
         span = self.spans[self.number] if self.number > 0 else None
         mesh = self.mesh
         if self._changing:

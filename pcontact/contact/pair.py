@@ -202,8 +202,6 @@ class ContactPair(Item):
     lost : (int, int)
         Points of this rank that the frozen partners have misled: that passed into their partner without a word, and
         that have left it, see :func:`pcontact.contact.active_set.lost`.
-    closing : float
-        Largest gap at points of this rank that is closed, whatever the load, in the first load step [length].
     """
 
     def __init__(self, space, contact, source, search, terms, setting):
@@ -217,7 +215,7 @@ class ContactPair(Item):
         self.flips, self.status, self.lost, self.pairing = [], None, (0, 0), None
         self.rows, self.active = PairPattern(space, len(source.facet)), active_set.PairActiveSet(self)
         # partners before those of the last search within a load step
-        self.verifies, self.stale, self._former, self._turns, self.closing = not law.tied, 0.0, None, None, 0.0
+        self.verifies, self.stale, self._former, self._turns = not law.tied, 0.0, None, None
         # with the moduli of its traction
         self._stressed = source
         # partners, slopes and parameters, and values of the last tangent of the load step
@@ -264,7 +262,6 @@ class ContactPair(Item):
         compares = begun and expected is u and not self.rigid
         clear = gap - self.method.begins
         self.lost = active_set.lost(clear, paired, self.history.closed, size) if compares else (0, 0)
-        self.closing = float(np.max(gap[paired & (self.contact.bilateral and not begun)], initial=0.0))
         found = self.terms.weigh(found, self.space.local.gather(expected))
         if not self.rigid or self.pairing is None:
             self._plan(found.nodes, paired)
@@ -344,9 +341,9 @@ class ContactPair(Item):
     def take_again(self, found, u, before, time):
         """Take partners that were found at ``u`` within the load step that begins at ``before``: it goes on with the
         same points; another half of the contact may have kept its partners. *Collective.*"""
-        kept, former = (self.flips, self.status, self.closing, self._turns), self.pairing
+        kept, former = (self.flips, self.status, self._turns), self.pairing
         self._take(found, u, before, time)
-        (self.flips, self.status, self.closing, self._turns), self._former = kept, former
+        (self.flips, self.status, self._turns), self._former = kept, former
 
     # -- residual and tangent -------------------------------------------------------------------------------------
 

@@ -98,8 +98,8 @@ def node_depths(contact, pairs):
     """The :class:`NodeDepths` of a contact with one pair; None where the target is rigid, its own source, or has points
     of its own, and where gaps are not those of the facets. *Collective.*"""
     pair = pairs[0]
-    given = contact.clearance is not None or contact.interference_amplitude is not None
-    other = given or contact.interference == "adjust" or contact.smooth_geometry
+    grows = contact.interference_amplitude is not None and not contact.bilateral
+    other = grows or contact.clearance is not None or contact.interference == "adjust" or contact.smooth_geometry
     if len(pairs) > 1 or pair.rigid or pair.law.tied or contact.target == contact.source or contact.all or other:
         return None
     return NodeDepths(pair)
@@ -279,11 +279,6 @@ class ContactReport:
     def flips(self):
         """Points of this rank whose status changed in each Newton iteration."""
         return [sum(counts) for counts in zip(*(pair.flips for pair in self.pairs), strict=True)]
-
-    @property
-    def closing(self):
-        """Largest gap that is closed at once, whatever the load, in the first load step [length]. *Collective.*"""
-        return self.space.comm.allreduce(max(pair.closing for pair in self.pairs), op=MPI.MAX)
 
     @property
     def closed(self):

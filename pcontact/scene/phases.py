@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pcontact.scene.amplitude import MULTIPLIED, timed
+from pcontact.scene.amplitude import MULTIPLIED, corners, timed
 from pcontact.scene.keys import keys
 from pcontact.scene.model import LIST_TABLES, LONGER, SHORTEST, Body, Contact, Equation, Scene, groups_named
 
@@ -114,6 +114,19 @@ def scene_of(scene: Scene, number: int) -> Scene:
     shortest = phase.duration / count * SHORTEST if steps.min_step is None else steps.min_step
     return replace(scene, **lists, phases=[], steps=replace(
         steps, end=span.end, count=count, min_step=shortest, max_step=longest))  # fmt: skip
+
+
+def closing(scene: Scene, number: int) -> Scene:
+    """The scene in one of its phases, or the scene of a run without any, in which gaps that are closed by `bilateral`
+    close over the first load step: a shorter one, after a cut, closes less of them."""
+    part, begin = (scene_of(scene, number), spans(scene)[number].begin) if scene.phases else (scene, 0.0)
+    planned = begin + (part.steps.end - begin) / part.steps.count
+    first = min([planned, *(time for time in corners(part) if time > begin)])
+    new = {one.name for one in scene.contacts if not scene.phases or begun(scene, one, number) == number}
+    return replace(part, contacts=[
+        replace(one, interference_amplitude=((begin, 0.0), (first, 1.0)))
+        if one.bilateral and one.interference_amplitude is None and one.name in new else one for one in part.contacts
+    ])  # fmt: skip
 
 
 def _body(scene: Scene, body: Body, number: int) -> Body:

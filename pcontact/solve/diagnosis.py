@@ -11,8 +11,6 @@ from pcontact.solve.problem import ROUNDINGS
 # [-] Part of the volume that may yield from which on a limit load is near. From: chosen; a sentence depends on it, no
 # iteration.
 YIELDED = 0.5
-# [sizes of the mesh] Gap from which on closing it at once is said to be much. From: chosen; a sentence depends on it.
-CLOSED = 1e-3
 
 
 def diagnose(problem, u, reason, norm, loose=(), direct=False):
@@ -55,12 +53,6 @@ def diagnose(problem, u, reason, norm, loose=(), direct=False):
             f"{acting:.2g}: its gamma0 is too large"
         ]
     for one in problem.contacts:
-        gap = one.closing
-        if gap > CLOSED * size:
-            found.append(
-                f"contact {one.name}: bilateral = true closes its gap of {gap:.3g} at once, however short the step is: "
-                "interference_amplitude does so over the time"
-            )
         ratio, source, target = one.stiffer, one.contact.source, one.contact.target
         if ratio > 0.0 and one.law.can_slip:
             found.append(
