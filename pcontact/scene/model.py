@@ -1203,6 +1203,8 @@ OBSTACLE_KEYS = {
 MOTION_KEYS = ("displacement", "amplitude", "angle", "pivot", "turn_axis")
 # what a load may be beside a total force and moment
 LOADS = ("pressure", *keys(Load)["pressure"].one_of[:-1])
+# old names of keys: (table, old name) -> new name; the old one is still read, and warned of once
+RENAMED: dict[tuple[type, str], str] = {}
 # keys that tables lack, and what does instead
 INSTEAD = {
     (Obstacle, key): "none of an obstacle, which moves as it is told; what is rigid and moves freely is a body with a "

@@ -4,9 +4,11 @@ import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, fields
+from functools import cache
 from pathlib import Path
 from typing import Any
 
+from pcontact.runtime import log
 from pcontact.runtime.errors import closeness, cut, input_error, nearest, set_elsewhere, shown
 from pcontact.scene.changes import DEEP, DEEP_KEY, changed, plain, with_words
 from pcontact.scene.model import (
@@ -15,6 +17,7 @@ from pcontact.scene.model import (
     LIST_TABLES,
     NAMED,
     OPTIONAL_TABLES,
+    RENAMED,
     SINGLE_TABLES,
     Contact,
     Material,
@@ -157,8 +160,21 @@ def _keys(cls):
     return [field.name for field in fields(cls) if field.metadata or field.name in plain]
 
 
+@cache
+def _warn_of_old(file, table, old, new):
+    """Once for a file, however many tables have the key."""
+    log.warning("%s: the key %s of %s is now called %s; the old name will go", file, old, table, new)
+
+
 def _check_keys(cls, data, file, where):
     known = _keys(cls)
+    for old in [old for table, old in RENAMED if table is cls and old in data]:
+        new = RENAMED[cls, old]
+        if new in data:
+            found = f"the old name of {new}, which is there, too"
+            raise input_error(file, f"{where}.{old}" if where else old, found, new)
+        _warn_of_old(file, HEADERS[cls], old, new)
+        data[new] = data.pop(old)
     for key in data:
         if key in known:
             continue

@@ -12,6 +12,7 @@ from pcontact.scene.model import (
     LIST_TABLES,
     OBSTACLE_KEYS,
     OPTIONAL_TABLES,
+    RENAMED,
     SINGLE_TABLES,
     Contact,
     Load,
@@ -38,6 +39,8 @@ def _value(one: Key) -> dict:
 
 def _table(cls: type, **more) -> dict:
     properties = {name: _value(one) for name, one in keys(cls).items()}
+    for old, new in ((old, new) for (table, old), new in RENAMED.items() if table is cls):
+        properties[old] = {**properties[new], "deprecated": True}
     required = [name for name, one in keys(cls).items() if one.default is MISSING]
     words = {"type": "object", "description": (cls.__doc__ or "").partition("\n")[0]}
     rules = [*MORE.get(cls, []), *between(cls)]
