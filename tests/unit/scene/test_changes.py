@@ -2,10 +2,10 @@
 
 import pytest
 
-from pcontact.cli import parse, usage
 from pcontact.runtime.errors import InputError
 from pcontact.scene.changes import assigned
 from pcontact.scene.reader import read_scene
+from pcontact.usage import parse, usage
 
 SCENE = """
 [mesh]
