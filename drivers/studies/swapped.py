@@ -8,7 +8,8 @@ plane strain; the pressure of the points is compared in L2 with that of meshes o
 rings, the outer one is called upper, bear a pressure from outside (straight facets of degree 1, curved ones of degree
 2, the gap between the circles is said to be 0); the pressure is compared with Lame's. With finite strain blocks bear
 ten times the pressure, and rings a tenth, of degree 1 and ratios up to 1e3. Columns say which side is the source, with
-the traction of both sides and with that of the source alone, and what the program chooses of `surfaces`. What does not
+the traction of both sides and with that of the source alone, and what the program chooses of `surfaces`; the last one
+how far the integrals of the pressure with either source and the traction of both sides are apart. What does not
 converge is a dash.
 
 Where both ways round differ most, 1.4 and 0.59 % between rings of straight facets 8:5, the normals of the facets are
@@ -34,7 +35,7 @@ FACETS = {"1:1": (12, 12), "2:1": (16, 8), "1:2": (8, 16), "10:1": (60, 6), "1:1
 FINE = 96
 BLOCKS, RINGS = ("upper_bottom", "lower_top"), ("outer_inner_skin", "inner_outer_skin")
 WAYS = ("upper", "lower", "surfaces", "both", "upper alone", "lower alone")
-HEAD = ["scene", "degree", "E upper/lower", "friction", "facets", *WAYS]
+HEAD = ["scene", "degree", "E upper/lower", "friction", "facets", *WAYS, "forces apart, %"]
 # of the rings [length]
 HOLE, CIRCLE, OUTSIDE, POISSON = 0.2, 0.6, 1.0, 0.3
 # over the softer modulus; Lame knows no finite strain
@@ -101,19 +102,22 @@ def solved(case):
 
 
 def error(found, known):
-    """Of the pressure in L2 over that of the reference, and iterations; None without them."""
+    """Of the pressure in L2 over that of the reference, iterations, integral of the pressure; None without them."""
     if found is None or known is None:
         return None
     x, pressure, weight, iterations = found
     order = np.argsort(known[0])
     true = np.interp(x, known[0][order], known[1][order])
-    return [float(np.sqrt(weight @ (pressure - true) ** 2 / (weight @ true**2))), iterations]
+    in_l2 = np.sqrt(weight @ (pressure - true) ** 2 / (weight @ true**2))
+    return [float(in_l2), iterations, float(weight @ pressure)]
 
 
 def shown(row):
     """A row of the table."""
     cells = ["-" if row[way] is None else f"{100.0 * row[way][0]:.2g} ({row[way][1]})" for way in WAYS]
-    return [row["scene"], row["degree"], f"{row['ratio']:g}", f"{row['friction']:g}", row["facets"], *cells]
+    upper, lower = row["upper"], row["lower"]
+    apart = "-" if upper is None or lower is None else f"{100.0 * abs(upper[2] / lower[2] - 1.0):.1g}"
+    return [row["scene"], row["degree"], f"{row['ratio']:g}", f"{row['friction']:g}", row["facets"], *cells, apart]
 
 
 def block_rows(args, directory, order, strain, ratios):
