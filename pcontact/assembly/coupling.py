@@ -284,9 +284,12 @@ class AverageCoupling:
             allowed = "a group that turns about all axes: of facets, or of nodes not in a line"
             raise input_error(where[0], f"{where[1]}.{key}", found, allowed)
         weights = self._average.forces(force, moment if d == 3 else float(moment[0])).ravel()
-        at = np.flatnonzero(weights)
-        parts = space.comm.allgather((at + space.start * d, weights[at]))
-        return {int(c): float(w) for components, values in parts for c, w in zip(components, values, strict=True)}
+        at, keys = np.flatnonzero(weights), space.mesh.file_nodes[space.mesh_nodes[space.owned_local]]
+        parts = zip(*space.comm.allgather((keys[at // d], at + space.start * d, weights[at])), strict=True)
+        order, components, values = (np.concatenate(one) for one in parts)
+        # what follows the others is one of the first: the same on any ranks
+        by = np.argsort(order, kind="stable")
+        return dict(zip(components[by].tolist(), values[by].tolist(), strict=True))
 
     def held_by(self, unbalanced):
         """Force (d,) on the group, and moment about its centre, that hold its prescribed components, as a density:

@@ -400,16 +400,16 @@ class Prediction:
         self.committed = before if bulk.yields or self._changed or bulk.extrapolates else None
 
     def expect(self, u, expected):
-        """Begin the load step where the bodies are expected, but for what is prescribed. *Collective.*
+        """Begin the load step where the bodies are expected, but for what is prescribed, and what follows others: it
+        does so from the first iterate on. *Collective.*
 
         Parameters
         ----------
         u, expected : PETSc.Vec
-            ``u`` after :meth:`begin`; overwritten.
+            ``u`` is overwritten.
         """
-        free = ~self._problem.conditions.fixed
-        u.getArray().reshape(free.shape)[free] = expected.getArray(readonly=True).reshape(free.shape)[free]
-        u.assemble()
+        expected.copy(u)
+        self._problem.conditions.enter(u, self._problem.time)
         # nothing is left to predict, and the first residual says nothing of the forces
         self.committed, self.goes_on = None, True
 

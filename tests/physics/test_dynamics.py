@@ -14,6 +14,7 @@ from pcontact.scene.model import (
     Material,
     MeshSpec,
     Output,
+    Periodic,
     Scene,
     Steps,
 )
@@ -270,6 +271,17 @@ def test_an_expression_that_turns_is_an_amplitude(shared_tmp):
     for quantity in (("time",), ("reactions", "left"), ("inertia", "momentum"), ("energy", "kinetic")):
         wanted = column(same, *quantity)
         assert column(turns, *quantity) == pytest.approx(wanted, abs=1e-11 * np.abs(wanted).max())
+
+
+@parallel(1, 2)
+def test_what_follows_a_support(shared_tmp):
+    """The right end of a rod goes where its left end does, whose velocity changes: load steps begin where velocities
+    lead, and nobody else would bring the right end back from there."""
+    scene = pulled(shared_tmp, 10, "0.01*sin(3*t)", None, 0.9, 18)
+    scene.periodic, scene.output.probes = [Periodic("right", "left", [1.0, 0.0])], ["left", "right"]
+    steps = run(scene, WORLD, shared_tmp / "out")
+    left, right = (column(steps, "probes", end, "mean")[:, 0] for end in ("left", "right"))
+    np.testing.assert_allclose(right, left, atol=1e-15)
 
 
 def test_the_velocity_of_a_support(shared_tmp):
