@@ -148,8 +148,8 @@ ROUNDING = 1e-10
 SLIGHT = 0.05
 
 
-def _facets(space, facets, numbers):
-    """The facets of one block, and their quadrature points (nf, nq, d); their nodes have other numbers (n_local,)."""
+def _facets(space, facets, among):
+    """The facets of one block, and their quadrature points (nf, nq, d); nodes by their places among some, ascending."""
     mesh, block = space.mesh, space.mesh.blocks[facets.block]
     kind, (table, degree) = facets.kind, mesh.geometry_nodes(block)
     # exact: c has the degree of one shape function and a tangent, in space of one more tangent, in a ring of a radius
@@ -157,7 +157,7 @@ def _facets(space, facets, numbers):
     nodes = table[facets.cells[:, None], facet_nodes(facets.cell, degree)[facets.local]]
     points = mesh.points[nodes]
     return Facets(
-        np.ascontiguousarray(numbers[space.facet_nodes(facets)]),
+        np.searchsorted(among, space.facet_nodes(facets)),
         np.einsum("qa,fa->fq", shape(kind, degree, xi), points[:, :, 0]),
         np.einsum("qai,faj->fqij", shape_gradient(kind, degree, xi), points),
         shape(kind, space.degree, xi), np.ascontiguousarray(shape_gradient(kind, space.degree, xi)),
@@ -192,9 +192,7 @@ class FollowerPressure(Item):
         self._factor, self._ring, self._time = 0.0, space.axisymmetric, None
         groups = space.mesh.facet_groups.get(region, [])
         nodes = np.unique(np.concatenate([np.zeros(0, np.int64), *(space.facet_nodes(f).ravel() for f in groups)]))
-        numbers = np.full(space.n_local, -1, dtype=np.int64)
-        numbers[nodes] = np.arange(len(nodes))
-        facets = [_facets(space, facets, numbers) for facets in groups]
+        facets = [_facets(space, facets, nodes) for facets in groups]
         self._parts, self._points = [part for part, _ in facets], [points for _, points in facets]
         self._weights = [part.weights for part in self._parts]
         self._nodes = space.exchange(space.nodes[nodes])

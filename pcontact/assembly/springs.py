@@ -31,9 +31,7 @@ class LinearForces(Item):
     def __init__(self, space, name, patches, blocks):
         self.space, self.name, self._factor = space, name, 1.0
         nodes = np.unique(np.concatenate([np.zeros(0, np.int64), *(patch.nodes.ravel() for patch in patches)]))
-        numbers = np.full(space.n_local, -1, dtype=np.int64)
-        numbers[nodes] = np.arange(len(nodes))
-        tables = [np.ascontiguousarray(numbers[patch.nodes]) for patch in patches]
+        tables = [np.searchsorted(nodes, patch.nodes) for patch in patches]
         rowptr, columns = node_graph(tables, len(nodes))
         values = np.zeros((len(columns), space.dim, space.dim))
         # sorted: columns are sorted in each row

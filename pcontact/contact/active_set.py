@@ -11,6 +11,7 @@ import numpy as np
 
 from pcontact.assembly.item import ActiveSet
 from pcontact.contact.law import OPEN
+from pcontact.mesh.mesh import bounding_box
 from pcontact.runtime.jit import njit
 from pcontact.runtime.petsc import MPI
 
@@ -342,9 +343,7 @@ def normal_motion(pair, u, before):
 
 def _box(comm, moved):
     """Middle and half extent (d,) of the box around motions (n, d) of all ranks [length]. *Collective.*"""
-    low, high = np.min(moved, axis=0, initial=np.inf), np.max(moved, axis=0, initial=-np.inf)
-    comm.Allreduce(MPI.IN_PLACE, low, op=MPI.MIN)
-    comm.Allreduce(MPI.IN_PLACE, high, op=MPI.MAX)
+    low, high = bounding_box(comm, moved)
     return 0.5 * (low + high), 0.5 * (high - low)
 
 

@@ -355,8 +355,7 @@ class FileMesh:
     @classmethod
     def of(cls, points):
         """A file with points (n, d), whose nodes and elements have numbers from 1 on, in its order."""
-        full = np.zeros((len(points), 3))
-        full[:, : points.shape[1]] = points
+        full = np.pad(np.asarray(points, dtype=float), ((0, 0), (0, 3 - points.shape[1])))
         return cls(full, np.arange(1, len(points) + 1), np.zeros(len(points), dtype=bool), [])
 
     def add_elements(self, path, kind, dim, nodes):

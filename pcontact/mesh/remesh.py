@@ -118,8 +118,7 @@ def write_sizes(path, points, cells, sizes):
     """
     with _fresh():
         gmsh.model.add("sizes")
-        full = np.zeros((len(points), 3))
-        full[:, : points.shape[1]] = points
+        full = np.pad(points, ((0, 0), (0, 3 - points.shape[1])))
         view = gmsh.view.add("size")
         for kind, table in cells:
             rows = np.concatenate([full[table].transpose(0, 2, 1).reshape(len(table), -1), sizes[table]], axis=1)

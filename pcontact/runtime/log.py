@@ -265,7 +265,20 @@ def finish():
     process.give_up(sys.stdout)
 
 
-class Progress:
+class _OnTerminal:
+    """What tqdm draws on a terminal; none where there is no bar."""
+
+    _bar = None
+
+    def close(self):
+        """Take it away."""
+        if self._bar is not None:
+            with suppress(OSError):
+                self._bar.close()
+            self._bar = None
+
+
+class Progress(_OnTerminal):
     """Progress of a run: a bar on a terminal, plain log lines in a file. A context manager.
 
     Parameters
@@ -287,7 +300,6 @@ class Progress:
         stream, shown = _State.stream, LOGGER.isEnabledFor(logging.INFO)
         self.total, self.label, self.lines, self.value = total, label, lines, 0.0
         self._shown, self._drawn, self._said = 0, 0.0, clock.monotonic()
-        self._bar = None
         if _State.rank == 0 and shown and process.is_terminal(stream):
             # before the postfix there is a comma
             form = "{desc} {percentage:3.0f}% |{bar:30}| {elapsed}, {remaining} left{postfix}"
@@ -333,15 +345,8 @@ class Progress:
             self._said = now
             info("%s", text)
 
-    def close(self):
-        """Take the bar away."""
-        if self._bar is not None:
-            with suppress(OSError):
-                self._bar.close()
-            self._bar = None
 
-
-class Line:
+class Line(_OnTerminal):
     """A line that changes, on a terminal; it stands below a bar that is there.
 
     Attributes
@@ -353,7 +358,6 @@ class Line:
     def __init__(self):
         stream = _State.stream if _State.stream is not None else sys.stderr
         wanted = _State.stream is None or LOGGER.isEnabledFor(logging.INFO)
-        self._bar = None
         if _State.rank == 0 and wanted and not LOGGER.disabled and process.is_terminal(stream):
             self._bar = tqdm(file=stream, leave=False, bar_format="{desc}")
 
@@ -366,10 +370,3 @@ class Line:
         if self._bar is not None:
             with suppress(OSError):
                 self._bar.set_description_str(text)
-
-    def close(self):
-        """Take the line away."""
-        if self._bar is not None:
-            with suppress(OSError):
-                self._bar.close()
-            self._bar = None

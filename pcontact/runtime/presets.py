@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+from pcontact.runtime.declared import shown
+
 DIRECT = ("lu", "cholesky")
 
 
@@ -130,13 +132,9 @@ class Choice:
         """Lines said to the user: none without a preset."""
         if self.name is None:
             return []
-        words = [f"{name} {_word(value)}" for name, value in self.chosen.items()]
+        words = [f"{name} {shown(value)}" for name, value in self.chosen.items()]
         lines = [f"accuracy {self.name}: {', '.join(words) or 'nothing left to choose'}"]
         if self.overridden:
-            kept = [f"{name} {_word(value)}" for name, value in self.overridden.items()]
+            kept = [f"{name} {shown(value)}" for name, value in self.overridden.items()]
             lines.append(f"accuracy {self.name}: yours instead: {', '.join(kept)}")
         return lines
-
-
-def _word(value):
-    return f"{value:g}" if isinstance(value, float) else str(value)

@@ -5,6 +5,7 @@ import numpy as np
 from pcontact.assembly.loads import region_weights
 from pcontact.contact.active_set import DEEPER
 from pcontact.material.elastic import equivalent_stress
+from pcontact.mesh.mesh import bounding_box
 from pcontact.runtime import log
 from pcontact.runtime.petsc import MPI
 from pcontact.solve.convergence import MOVED, NEARLY
@@ -290,11 +291,8 @@ class Recorder:
         space = self._problem.space
         comm, d = space.comm, space.dim
         values = space.local.gather(u)[nodes]
-        low = np.min(values, axis=0, initial=np.inf)
-        high = np.max(values, axis=0, initial=-np.inf)
+        low, high = bounding_box(comm, values)
         mean = comm.allreduce(weights @ u.getArray(readonly=True).reshape(-1, d), op=MPI.SUM)
-        comm.Allreduce(MPI.IN_PLACE, low, op=MPI.MIN)
-        comm.Allreduce(MPI.IN_PLACE, high, op=MPI.MAX)
         return {"mean": mean.tolist(), "min": low.tolist(), "max": high.tolist()}
 
 

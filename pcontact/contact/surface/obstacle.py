@@ -154,10 +154,7 @@ def _round(obstacle, axis):
     def distance(r, time):
         if axis is not None:
             r = r - np.outer(r @ axis, axis)
-        length = np.linalg.norm(r, axis=1)
-        safe = np.where(length > 0.0, length, 1.0)
-        fallback = np.eye(r.shape[1])[0]
-        away = np.where((length > 0.0)[:, None], r / safe[:, None], fallback)
+        length, away = _away(r)
         return sign * (length - obstacle.radius), sign * away
 
     return distance

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pcontact.contact.surface.sides import tangents_of
+from pcontact.contact.surface.sides import diameters, tangents_of
 from pcontact.mesh.topology import merged
 
 # largest angle between the normals of two facets of a smooth surface [rad]
@@ -300,12 +300,6 @@ def sharpness(facets):
     return largest
 
 
-def _own_turns(facets):
-    """Largest angle (nf,) between the normals of a curved facet at its vertices."""
-    own = facets.own
-    return np.linalg.norm(own[:, :, None] - own[:, None], axis=3).max(axis=(1, 2), initial=0.0)
-
-
 def curved_normals(facets, wanted):
     """Normals of the smooth surface at the corners of curved facets: means of their own, which hardly differ.
 
@@ -329,7 +323,8 @@ def curved_normals(facets, wanted):
     m = facets.x.shape[1]
     rows, corner, key = _slots(facets)
     pairs, _ = _turns(facets, facet_normals(facets), rows, key)
-    turns = _own_turns(facets)[rows[pairs]].max(axis=1, initial=0.0)
+    # between its own normals, of length 1
+    turns = diameters(facets.own)[rows[pairs]].max(axis=1, initial=0.0)
     smooth = _kinks(facets, rows, corner, pairs) <= FLAT + BLUNT * turns
     vertex = _fans(facets, rows, corner, pairs[smooth])
     values = _mean_normals(facets, facets.own, vertex, np.arange(m)[None, :] < facets.count[:, None])

@@ -96,8 +96,7 @@ class Drawing:
         """
         if not len(points):
             return np.array(points), np.zeros(0)
-        full = np.zeros((len(points), 3))
-        full[:, : points.shape[1]] = points
+        full = np.pad(points, ((0, 0), (0, 3 - points.shape[1])))
         try:
             found = np.reshape(self._model.getClosestPoint(*self.entities[number], full.ravel())[0], (-1, 3))
         except Exception:  # gmsh knows no other class; the seam of a sphere ends in points that are curves to it
@@ -251,8 +250,7 @@ class _Boundary:
 
 def _on(drawing, numbers, points, within):
     """Return by curve or surface the points (rows) that lie on it, and how far they are from it."""
-    full = np.zeros((len(points), 3))
-    full[:, : points.shape[1]] = points
+    full = np.pad(points, ((0, 0), (0, 3 - points.shape[1])))
     found = {}
     for number in numbers:
         low, high = drawing.low[number] - within, drawing.high[number] + within
