@@ -276,19 +276,16 @@ def _rigid_stiffness(nodes, stiffness):
     for k, (i, j) in enumerate(pairs, start=dim):
         modes[:, :, i, k] = nodes[:, :, j]
         modes[:, :, j, k] = -nodes[:, :, i]
-    basis = np.linalg.qr(modes.reshape(nf, nn * dim, -1))[0]
-    energy, vectors = np.linalg.eigh(basis.transpose(0, 2, 1) @ stiffness @ basis)
-    scale = np.trace(stiffness, axis1=1, axis2=2)[:, None]
-    basis = basis @ vectors
-    added = np.where(energy < _RIGID * scale, scale / (nn * dim), 0.0)
-    return (basis * added[:, None, :]) @ basis.transpose(0, 2, 1)
+    return _without_energy(stiffness, np.linalg.qr(modes.reshape(nf, nn * dim, -1))[0])
 
 
-def _without_energy(stiffness):
-    """Stiffness on all that has no energy, (nf, n, n): with reduced integration more than the rigid modes."""
-    energy, vectors = np.linalg.eigh(stiffness)
+def _without_energy(stiffness, basis=None):
+    """Stiffness on all that has no energy, (nf, n, n), among the orthonormal columns of a basis (nf, n, k) if there is
+    one: with reduced integration it is more than the rigid modes."""
+    energy, vectors = np.linalg.eigh(stiffness if basis is None else basis.transpose(0, 2, 1) @ stiffness @ basis)
+    vectors = vectors if basis is None else basis @ vectors
     scale = np.trace(stiffness, axis1=1, axis2=2)[:, None]
-    added = np.where(energy < _RIGID * scale, scale / energy.shape[1], 0.0)
+    added = np.where(energy < _RIGID * scale, scale / stiffness.shape[1], 0.0)
     return (vectors * added[:, None, :]) @ vectors.transpose(0, 2, 1)
 
 

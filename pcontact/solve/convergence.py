@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pcontact.runtime.petsc import MPI, PETSc, diverged_nan
+from pcontact.runtime.petsc import PETSc, diverged_nan
 from pcontact.solve.problem import ROUNDINGS
 from pcontact.space.modes import RigidBodies
 
@@ -42,8 +42,7 @@ class Balance:
     def __init__(self, problem, motions):
         self._problem, space = problem, problem.space
         self._bodies = RigidBodies(space, np.ones(space.n_owned), motions)
-        own = np.bincount(space.component[space.owned_local], minlength=space.mesh.n_components)
-        self._nodes = space.comm.allreduce(own, op=MPI.SUM)[self._bodies.bodies]
+        self._nodes = space.by_component()[self._bodies.bodies]
         self._rounded, self._least, self._vain = 0.0, np.inf, 0
 
     def begin(self, u):

@@ -210,9 +210,7 @@ class Forces:
         """Sums of the magnitudes of the external forces on every component (n_components,) at ``u`` [force].
         *Collective.*
         """
-        space, size = self._space, np.linalg.norm(self.applied(u), axis=1)
-        own = np.bincount(space.component[space.owned_local], size, minlength=space.mesh.n_components)
-        return space.comm.allreduce(own, op=MPI.SUM)
+        return self._space.by_component(np.linalg.norm(self.applied(u), axis=1))
 
     def worst(self, f):
         """Find where a residual vector is largest. *Collective.*

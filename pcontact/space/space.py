@@ -237,9 +237,12 @@ class Space:
 
     def norms(self, values):
         """Norms (n_components,) of vectors (n_owned, d) of all owned nodes of every component. *Collective.*"""
-        component = self.component[self.owned_local]
-        own = np.bincount(component, np.sum(values**2, axis=1), minlength=self.mesh.n_components)
-        return np.sqrt(self.comm.allreduce(own, op=MPI.SUM))
+        return np.sqrt(self.by_component(np.sum(values**2, axis=1)))
+
+    def by_component(self, values=None):
+        """Sums (n_components,) of values (n_owned,) of all owned nodes, or how many nodes there are. *Collective.*"""
+        own = np.bincount(self.component[self.owned_local], values, minlength=self.mesh.n_components)
+        return self.comm.allreduce(own, op=MPI.SUM)
 
     def exchange(self, nodes):
         """Plan for the values of any global nodes. *Collective.*"""

@@ -116,8 +116,7 @@ class LooseBodies:
         self._loose = np.zeros(problem.space.mesh.n_components, dtype=bool)
         self._loose[list(motions)] = True
         space = problem.space
-        own = np.bincount(space.component[space.owned_local], minlength=space.mesh.n_components)
-        self._unknowns = space.dim * space.comm.allreduce(own, op=MPI.SUM)
+        self._unknowns = space.dim * space.by_component()
         self._clear = CLEAR * float(np.max(component_frames(space)[1]))
 
     def open(self, u):

@@ -185,13 +185,19 @@ def _steepness(w):
 
 
 @njit_inner
+def _place_target(kind, nodes, motion, w):
+    """The target at w.xi: place, tangents and second derivatives."""
+    fill_shapes(kind, w.xi[0], w.xi[1], w.shapes)
+    target_at(nodes, NODE_COUNTS[kind], motion.x, motion.u, w.shapes, w.y, w.a, w.bend)
+
+
+@njit_inner
 def hold(kind, nodes, motion, found, w):
     """Partner on the edge or corner that w.xi is on, normal and gap; ``found`` is the normal that was found."""
     d = len(w.n)
     _edge_of(kind, w.xi[0], w.xi[1], d, w.edge)
     for _ in range(ITERATIONS):
-        fill_shapes(kind, w.xi[0], w.xi[1], w.shapes)
-        target_at(nodes, NODE_COUNTS[kind], motion.x, motion.u, w.shapes, w.y, w.a, w.bend)
+        _place_target(kind, nodes, motion, w)
         for k in range(d):
             w.r[k] = w.y[k] - w.x[k]
         slope, bend = _steepness(w)
@@ -452,11 +458,10 @@ def _hessian(w, nb, gap_n):
 @njit_inner
 def _trace_ray(kind, nodes, motion, w):
     """Partner along the normal, from w.xi on; whether there is one."""
-    d, count, g = len(w.n), NODE_COUNTS[kind], 0.0
+    d, g = len(w.n), 0.0
     nb = d - 1
     for _ in range(ITERATIONS):
-        fill_shapes(kind, w.xi[0], w.xi[1], w.shapes)
-        target_at(nodes, count, motion.x, motion.u, w.shapes, w.y, w.a, w.bend)
+        _place_target(kind, nodes, motion, w)
         if not _cross_rows(w):
             return False
         for k in range(d):
@@ -478,11 +483,10 @@ def _trace_ray(kind, nodes, motion, w):
 @njit_inner
 def _project(kind, nodes, motion, w):
     """Closest point of the facet, from w.xi on, and the normal; whether there is one."""
-    d, count = len(w.n), NODE_COUNTS[kind]
+    d = len(w.n)
     nb = d - 1
     for _ in range(ITERATIONS):
-        fill_shapes(kind, w.xi[0], w.xi[1], w.shapes)
-        target_at(nodes, count, motion.x, motion.u, w.shapes, w.y, w.a, w.bend)
+        _place_target(kind, nodes, motion, w)
         for k in range(d):
             w.r[k] = w.y[k] - w.x[k]
         if not _hessian(w, nb, w.r):
@@ -503,13 +507,6 @@ def _project(kind, nodes, motion, w):
         for i in range(nb):
             w.xi[i] += part * w.dz[i]
     return False
-
-
-@njit_inner
-def _frozen(kind, nodes, motion, w):
-    """The target at a frozen partner."""
-    fill_shapes(kind, w.xi[0], w.xi[1], w.shapes)
-    target_at(nodes, NODE_COUNTS[kind], motion.x, motion.u, w.shapes, w.y, w.a, w.bend)
 
 
 @njit_inner
@@ -574,12 +571,12 @@ def place_point(source, partner, motion, p, slides, w):
     elif mode == HELD:
         hold(kind, nodes, motion, partner.normal[p], w)
     elif mode == FIXED:
-        _frozen(kind, nodes, motion, w)
+        _place_target(kind, nodes, motion, w)
         for k in range(d):
             w.n[k] = partner.normal[p, k]
             w.gap[0] += (w.y[k] - w.x[k]) * w.n[k]
     else:
-        _frozen(kind, nodes, motion, w)
+        _place_target(kind, nodes, motion, w)
         unit_normal(w.a, w.n)
         for k in range(d):
             w.n[k] = -w.n[k]

@@ -53,11 +53,8 @@ class SelfSurface(TargetSurface):
         The rim decides with the others whether a projection is held at an edge, as if all facets were on one rank, but
         holds no partner itself.
         """
-        rim = self.rim
-        x = np.ascontiguousarray(np.concatenate([x_facets, rim.gather(x_facets)]))
-        kinds, ids = np.concatenate([self.kinds, rim.kinds]), np.concatenate([self.ids, rim.ids])
-        nodes = np.concatenate([self.table, rim.table])[:, NODES:].astype(np.int64)
-        return x, kinds, ids, np.arange(len(x)) < len(x_facets), nodes
+        *others, _ = super().around(x_facets)
+        return *others, np.concatenate([self.table, self.rim.table])[:, NODES:].astype(np.int64)
 
     def may_meet(self, own, other, ahead):
         """See :meth:`TargetSurface.may_meet`: a body does not meet itself through its material."""

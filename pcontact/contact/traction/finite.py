@@ -48,12 +48,14 @@ from pcontact.contact.formulation.finite_geometry import area_ratios, point_work
 from pcontact.contact.formulation.finite_kernels import Sides, Slopes
 from pcontact.contact.surface.smooth_geometry import beside_corners
 from pcontact.contact.traction.small import (
+    FacetCells,
     FacetPoints,
     LocalCells,
     TargetTraction,
     Traction,
     area_vectors,
     facet_points,
+    fill_rows,
     is_two_sided,
     source_areas,
     weights,
@@ -171,25 +173,6 @@ def _stiffest(state, facets, nodal, normal, work, out):
                 values.sort()
                 for i in range(2):
                     out[c, i] = max(out[c, i], values[2 - i])
-
-
-@njit
-def _add_elastic(source, at, rows):
-    """Add the derivatives of elastic tractions of small strain to the rows ``at`` (np,) of the points."""
-    d = source.normal.shape[1]
-    for p in range(len(source.facet)):
-        mu = source.mu[source.facet[p]]
-        if at[p] < 0:
-            continue
-        for a in range(source.grad.shape[1]):
-            along = 0.0
-            for i in range(d):
-                along += source.grad[p, a, i] * source.normal[p, i]
-            for i in range(d):
-                for j in range(d):
-                    value = source.normal[p, i] * source.volumetric[p, a, j]
-                    rows[at[p], a, i, j] += value + mu * source.grad[p, a, i] * source.normal[p, j]
-                rows[at[p], a, i, i] += mu * along
 
 
 class FiniteTraction:
@@ -314,10 +297,13 @@ class FiniteTraction:
 
     def slopes(self, values, p, wanted, elastic=False, contact=None):
         """Derivatives of the tractions of the wanted points, a `Slopes`; where `elastic`, with elastic moduli."""
-        d = self.source.x.shape[1]
+        source, d = p.source, self.source.x.shape[1]
         at = np.where(wanted, np.cumsum(wanted) - 1, -1)
-        rows = np.zeros((int(wanted.sum()), self.source.shape.shape[1], d, d))
-        _add_elastic(p.source, at, rows)
+        cells = FacetCells(source.grad, source.volumetric, source.mu[source.facet], source.normal)
+        rows = np.zeros((len(at), self.source.shape.shape[1], d, d))
+        # of small strain
+        fill_rows(np.flatnonzero(wanted), cells, np.eye(d)[None], np.ones(len(at)), rows)
+        rows = rows[wanted]
         if not elastic:
             for own in self._rest.beyond(values, p):
                 some = np.flatnonzero(wanted & (own.at >= 0)) if len(own.at) else []
