@@ -5,6 +5,7 @@ place. Where cells take their mean dilatation, dT is projected as the dilatation
 temperature that varies within a cell then strains it as far as its mean dilatation can follow.
 """
 
+from contextlib import contextmanager
 from typing import NamedTuple
 from weakref import WeakSet
 
@@ -127,6 +128,15 @@ class Heat:
             out[own] = one.amplitude.factor(self._time) * (values.reshape(-1, points.shape[1]) - one.reference)
             reference[own] = one.reference
         return out, reference + out
+
+    @contextmanager
+    def at(self, time):
+        """For a while temperatures are those of another time, unless it is None."""
+        kept, self._time = self._time, self._time if time is None else time
+        try:
+            yield
+        finally:
+            self._time = kept
 
     def detect(self, time):
         """Take the temperatures of a time. *Collective.*"""

@@ -622,6 +622,27 @@ class Solid(Bulk):
         stored = elastic + self._free_energy + more
         return stored if self.heat is None else stored + self.heat.energy(), dissipated
 
+    def heat_beyond(self, u, before, begin):
+        """What temperatures have supplied since ``begin`` [time] where laws that depend on them are not linear (float,
+        of this rank): - excess : alpha dT by the trapezoidal rule, from a committed ``before`` to ``u``. *Collective.*
+        """
+        nodal, supplied = [self.space.local.gather(x) for x in (u, before)], 0.0
+        for number, state in self.states.items():
+            if not (state.material.reads_temperature and self.heat.heated(number)):
+                continue
+            along = 2 if state.material.plane_stress else 3
+            for rows, points, jxw in state.chunks():
+                some = np.arange(rows.start, rows.stop)
+                x, ends = points_of(self.space, number, rows), []
+                for time, at in zip((None, begin), nodal, strict=True):
+                    with self.heat.at(time):
+                        found = state.stress(rows, points, self.moved(at, number))
+                        stress = (found.excess[:, :along] * state.material.expansion).sum(axis=1)
+                        ends.append((stress, self.heat.temperatures(number, some, x)[0].ravel()))
+                (last, hot), (first, cold) = ends
+                supplied -= 0.5 * float(np.sum(jxw.ravel() * (first + last) * (hot - cold)))
+        return supplied
+
     def distortions(self, u, held):
         """See :func:`pcontact.assembly.measures.distortions`. *Collective.*"""
         return distortions(self, u, held)

@@ -12,7 +12,8 @@ and with inertia
 
 holds as far as load steps are short and equations are solved. Heat supplies what temperature changes of the elastic
 energy 1/2 (eps - alpha dT) C (eps - alpha dT) while nothing moves: with the thermal forces f and the energy c of cells
-that are kept from expanding, -1/2 (u_k + u_k+1) . (f_k+1 - f_k) + c_k+1 - c_k in a load step. What inertia and damping
+that are kept from expanding, -1/2 (u_k + u_k+1) . (f_k+1 - f_k) + c_k+1 - c_k in a load step, and where laws depend on
+temperatures what these supply to the stress that is not linear (:meth:`Solid.heat_beyond`). What inertia and damping
 take up in the same sums is kinetic energy, a function of the state, the damping, and what the integrator dissipates
 (numerical): none with the trapezoidal rule, whose sums these are.
 """
@@ -119,6 +120,7 @@ class EnergyBalance:
             own[name] += sign * work(name, moved)
         if "heat" in own:
             own["heat"] -= 0.5 * float(np.sum((forces["heat"] - self._last["heat"]) * (values + start)))
+            own["heat"] += problem.bulk.heat_beyond(u, before, begin)
         for name, item, kind in self._others:
             if kind == "loads":
                 own[kind] -= work(name, moved)
