@@ -644,7 +644,10 @@ def _check_joined(scene, space):
             "%d facets inside a connected body lie on others without being joined, groups of the mesh have them, and "
             "the scene does not name these: a crack whose sides may pass through each other", found.named,
         )  # fmt: skip
-    names = [" - ".join(sorted((mesh.component_names[a], mesh.component_names[b]))) for a, b in found.bodies]
+    names = []
+    for both in found.bodies:
+        one, other = sorted(mesh.component_names[each] for each in both)
+        names.append(f"{one} - {other}" if one != other else f"pieces of {one} (nodes in the same place, not merged?)")
     if names:
         log.warning("bodies touch and no contact is between their facets: %s; they may pass through each other",
                     counted(names))  # fmt: skip

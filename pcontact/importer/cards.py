@@ -187,6 +187,8 @@ def _read(path, name, cards, depth, deck):
         cards.append(card)
         if card.key == "INCLUDE":
             inner = card.need("INPUT").strip('"')
+            if not (path.parent / inner).exists():
+                raise card.refuse(f"{inner!r}, no such file", f"a file beside {path.name}")
             _read(path.parent / inner, inner, cards, depth + 1, deck)
 
 

@@ -342,6 +342,8 @@ class Deck:
     steps : list of Step
     lost : list of (Card, Place, str)
         Lines that speak of what is no cell of a solid, and how.
+    again : list of (Card, Place, str)
+        Lines of nodes and elements that take the place of others.
     removed : Card or None
         Which takes elements away before anything happens.
     """
@@ -361,6 +363,7 @@ class Deck:
     model: list = field(default_factory=list)
     steps: list = field(default_factory=list)
     lost: list = field(default_factory=list)
+    again: list = field(default_factory=list)
     removed: Card | None = None
 
     def name(self, name):
@@ -498,9 +501,16 @@ def _node(deck, card):
     members = []
     for place, words in card.rows:
         number = card.integer(place, words[0])
-        deck.nodes[number] = (card.numbers(place, words[1:4]) + [0.0] * 3)[:3]
+        _put(deck, deck.nodes, number, (card.numbers(place, words[1:4]) + [0.0] * 3)[:3], card, place)
         members.append(number)
     _join(deck, deck.node_sets, card.get("NSET"), members)
+
+
+def _put(deck, held, number, value, card, place):
+    """Keep a node or an element; the last of two different ones with a number counts, as in the other programs."""
+    if held.get(number, value) != value:
+        deck.again.append((card, place, f"{number} a second time, and not as before: the last one counts"))
+    held[number] = value
 
 
 def _element(deck, card):
@@ -512,11 +522,11 @@ def _element(deck, card):
         place = row if not held else place
         held += [card.integer(row, w) for w in words if w]
         if kind.n_nodes is None and words[-1]:
-            deck.elements[held[0]] = word, held[1:]
+            _put(deck, deck.elements, held[0], (word, held[1:]), card, place)
         elif kind.n_nodes is not None and len(held) > kind.n_nodes:
             if len(held) > 1 + kind.n_nodes:
                 raise card.refuse(f"{len(held) - 1} nodes of element {held[0]}", f"{kind.n_nodes} for {word}", place)
-            deck.elements[held[0]] = kind.cell or word, held[1:]
+            _put(deck, deck.elements, held[0], (kind.cell or word, held[1:]), card, place)
             if kind.reduced:
                 deck.reduced.add(held[0])
         else:

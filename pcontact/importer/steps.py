@@ -153,7 +153,7 @@ def _static(step, findings):
     """Return whether it is a static step; what is left out of it."""
     other = next((card for card in step.cards if card.key in PROCEDURES), None)
     if other is not None:
-        findings.leave(other, "allowed: static steps")
+        findings.leave(other, "a step that is not static")
         for card in step.cards:
             if card is not other and card.key not in OUTPUT:
                 findings.leave(card, "of a step that is not static")

@@ -158,6 +158,8 @@ def translate(path, mesh_name):
         _say(card, findings)
     for card, place, words in deck.lost:
         findings.leave(card, words, place)
+    for card, place, words in deck.again:
+        findings.change(card, words, place)
     presence = Presence(deck, findings)
     known = materials(deck, findings)
     parts, plane, thickness = bodies(deck, findings, known)

@@ -291,16 +291,16 @@ def cost_forecast(problem, scene):
         lines.append(_more("plasticity of all bodies", cells, plastic_bytes(space.dim), PLASTIC_TIMES))
     if not any(scene.finite(body) for body in scene.bodies):
         held = sum(sum(counts["bytes"].get(contact.name, {}).values()) for contact in contacts)
-        lines.append(f"left out, finite strain of all bodies: up to {(MOVING - 1.0) * held / MB:.3g} MB for contact "
+        lines.append(f"more with finite strain of all bodies: up to {(MOVING - 1.0) * held / MB:.3g} MB for contact "
                      f"that moves, none for elastic bodies, a load step {FINITE_TIMES} times as long")  # fmt: skip
     biased = [contact.name for contact in contacts if contact.obstacle is None and not contact.unbiased
               and not contact.all and contact.source != contact.target]  # fmt: skip
     if biased:
         size = sum(sum(counts["bytes"][name].values()) for name in biased)
-        lines.append(f"left out, unbiased contact: about {size / MB:.3g} MB, and twice the search and contact assembly")
+        lines.append(f"more with unbiased contact: about {size / MB:.3g} MB, and twice the search and contact assembly")
     return lines
 
 
 def _more(name, points, size, times):
     each = f"({size:.0f} bytes at each of {points} points)"
-    return f"left out, {name}: {points * size / MB:.3g} MB for the state {each}, a load step {times} times as long"
+    return f"more with {name}: {points * size / MB:.3g} MB for the state {each}, a load step {times} times as long"

@@ -16,6 +16,8 @@ from pcontact.runtime.process import last_words
 # [-] Part by which small strain may put results wrong without a word. From: chosen; a strain of 4 %, or a turn by 11.5
 # degrees, of a whole body.
 ENOUGH = 0.02
+# [-] Such a part from which on the units may be wrong. From: chosen; a strain of 20 %, which few bodies are meant to have.
+FAR, UNITS = 0.1, "; if so much is not meant: lengths, moduli and loads in units that belong together"
 # Residuals that the bar shows. From: chosen, the width of a terminal.
 SHOWN = 6
 # [-] Part of the contact pressure that the stress of the cells may lack without a word. From: what is left where a disk
@@ -65,7 +67,7 @@ class Terminal(Observer):
             at = " ".join(f"{v + 0.0:.4g}" for v in c["deepest"])
             parts.append(
                 f"{name}: open {c['open']} stick {c['stick']} slip {c['slip']} flipped {c['flipped']}  "
-                f"penetration {c['max_penetration']:.3e} at ({at})  pressure {c['max_pressure']:.6g}  "
+                f"penetration {c['max_penetration']:.3e} at ({at})  pressure {c['max_pressure'] + 0.0:.6g}  "
                 f"force {' '.join(f'{v + 0.0:.6g}' for v in c['force'])}"
             )
         log.info("%s", " | ".join(parts))
@@ -155,9 +157,9 @@ class SmallStrain(Observer):
         error, at = found["error"], " ".join(f"{v + 0.0:.4g}" for v in found["place"])
         log.warning(
             "time %g: body %s goes beyond small strain: a strain of %.2g and a rotation by %.2g degrees in the mean, "
-            "most at (%s), put results wrong by %s; remedy: strain = \"finite\"",
+            "most at (%s), put results wrong by %s; remedy: strain = \"finite\"%s",
             time, name, found["strain"], found["rotation"], at,
-            "100 % or more" if error > 1.0 else f"about {100.0 * error:.2g} %",
+            "100 % or more" if error > 1.0 else f"about {100.0 * error:.2g} %", UNITS if error > FAR else "",
         )  # fmt: skip
 
 

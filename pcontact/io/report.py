@@ -406,7 +406,8 @@ def summary(report, directory):
             if pressure > most.get(name, -1.0):
                 most[name], at[name] = pressure, contact
     if last is None:
-        return [f"no load step converged; the report is in {directory}"]
+        word = "no load step was left after the checkpoint" if report["converged"] else "no load step converged"
+        return [f"{word}; the report is in {directory}"]
     seconds = report["timing"].get("total")
     took = f" in {seconds:.1f} s" if isinstance(seconds, float) else ""
     compiled = report["timing"].get("compile") or 0.0
@@ -429,7 +430,8 @@ def summary(report, directory):
         lines += _unresolved(at)
     lines += _largest(last.get("largest", {}))
     if report["warnings"]:
-        lines.append(f"  {len(report['warnings'])} warnings, above and in report.json")
+        count = len(report["warnings"])
+        lines.append(f"  {count} warning{'s' * (count > 1)}, above and in report.json")
     lines.append(f"  results in {directory}; pictures: pcontact view {directory}")
     return lines
 
@@ -451,7 +453,7 @@ def _unresolved(contacts):
         across = math.sqrt(count) if space else count
         if 0 < across < ACROSS and contact["open"]:
             lines.append(
-                f"  {name}: the contact area is about {across:.0f} facet{'s' * (across >= 1.5)} across: its largest "
+                f"  {name}: the contact area is about {across:.2g} facet{'s' * (across >= 1.05)} across: its largest "
                 f"pressure is not resolved; remedy: {ACROSS} or more there, or -error 5% -error_of pressure:{name}"
             )
     return lines
@@ -469,6 +471,8 @@ def _largest(found):
         if one is not None and one["place"] is not None:
             at = ", ".join(f"{_number(x):.4g}" for x in one["place"])
             parts.append(f"{words} {_number(one['value']):.5g} in {one['body']} at ({at})")
+    if found.get("displacement", {}).get("value") == 0.0:
+        return ["  all displacements are 0: nothing acts at this time; are loads and motions, or their amplitudes, 0?"]
     return [f"  largest {'; '.join(parts)}"] * bool(parts)
 
 

@@ -30,6 +30,13 @@ def test_keywords_and_lines_go_on(tmp_path):
     assert [str(card.place) for card in found.cards] == ["line 2", "line 7", "line 11", "line 13"]
 
 
+def test_the_last_of_two_counts(tmp_path):
+    """Which is told where they differ."""
+    found = deck(tmp_path, SQUARE + "*NODE\n1, 0, 0\n2, 1, 5\n*ELEMENT, TYPE=CPE4\n1, 1, 2, 3, 4\n1, 2, 3, 4, 1\n")
+    assert found.nodes[2] == [1.0, 5.0, 0.0] and found.elements == {1: ("quad", [2, 3, 4, 1])}
+    assert [(str(place), words.split()[0]) for _, place, words in found.again] == [("line 12", "2"), ("line 15", "1")]
+
+
 def test_included_files_have_lines_of_their_own(tmp_path):
     (tmp_path / "part.inc").write_text(SQUARE)
     found = deck(tmp_path, "*INCLUDE, INPUT=part.inc\n*SURFACE, NAME=top\nSquare, S3\n*SURFACE, NAME=rim\nSquare\n")
@@ -48,7 +55,7 @@ def test_included_files_have_lines_of_their_own(tmp_path):
         ("*ELEMENT, TYPE=CPE4\n2, 1, 2, 3, 9\n", ("line 11", "node 9")),
         ("*ELEMENT\n2, 1, 2, 3, 4\n", ("line 10", "no TYPE=")),
         ("*NODE\n5, one, 2\n", ("line 11", "'one'", "a finite number")),
-        ("*INCLUDE, INPUT=nothing.inp\n", ("nothing.inp", "no such file")),
+        ("*INCLUDE, INPUT=nothing.inp\n", ("line 10: *INCLUDE", "nothing.inp", "no such file")),
         ("*INCLUDE, INPUT=deck.inp\n", ("deck.inp", "include each other")),
         ("*INCLUDE, INPUT=/dev/zero\n", ("/dev/zero", "no regular file")),
         ("*INCLUDE, INPUT=.\n", ("no regular file",)),

@@ -47,6 +47,8 @@ def test_the_largest_values_and_their_places():
     }}  # fmt: skip
     line = summary(report(steps=[step]), "out")[1]
     assert line == "  largest equivalent stress 2 in box at (0.25, 2); displacement 0.5 in lid at (1, 0)"
+    step["largest"]["displacement"]["value"] = 0.0
+    assert "all displacements are 0" in summary(report(steps=[step]), "out")[1]
 
 
 def test_what_came_out_and_where_it_is():
@@ -55,10 +57,11 @@ def test_what_came_out_and_where_it_is():
     assert "force 0 -2.5" in pair and "largest pressure 3 (of all load steps 7)" in pair
     assert "pcontact view out" in last
     lines = summary(report(converged=False, warnings=["w"], memory={"read": {"peak_mb_largest": 12.0}}), "out")
-    assert lines[0].startswith("ended early") and "12 MB" in lines[0] and "1 warnings" in lines[2]
+    assert lines[0].startswith("ended early") and "12 MB" in lines[0] and "1 warning, above" in lines[2]
     compiled = report(timing={"total": 9.5, "compile": 8.25})
     assert summary(compiled, "out")[0] == "done: 2 load steps to time 2 in 9.5 s (8.2 s of it compiled kernels, once)"
     took = {"total": 9.5, "compile": 8.25, "kernels_mb": 143.2}
     compiled = report(timing=took, memory={"a": {"peak_mb_largest": 340.0}})
     assert summary(compiled, "out")[0].endswith("once), 340 MB on the largest rank (143 MB of it for kernels)")
-    assert "no load step converged" in summary(report(steps=[]), "out")[0]
+    assert "no load step converged" in summary(report(steps=[], converged=False), "out")[0]
+    assert "no load step was left after the checkpoint" in summary(report(steps=[]), "out")[0]
