@@ -156,7 +156,7 @@ def forecast(scene):
 
 def _unused(simulation):
     """Lines about options that nothing asked for, and that were not named when the run began."""
-    return simulation.unused((*COMMAND_LINE, *simulation.options.told), declared())
+    return simulation.unused(COMMAND_LINE, declared())
 
 
 def reach(scene, directory, machine):

@@ -471,7 +471,10 @@ class Simulation:
         """
         # a default that found no use (of a preconditioner that the user replaced) is not the user's mistake
         known, ours = {*self.options.known, *others}, [*ours, *self.newton.applied, *self.accuracy.chosen]
-        return [f"option -{name} was not used{nearby(name, known, '-{}'.format)}" for name in self.options.unused(ours)]
+        # a library has said nothing of what nobody knows, see `_set_up`
+        lines = self.options.strange() if process.is_library() else []
+        left = self.options.unused([*ours, *self.options.told])
+        return lines + [f"option -{name} was not used{nearby(name, known, '-{}'.format)}" for name in left]
 
     def free(self):
         """Give what the run has of PETSc and MPI back: it cannot go on. *Collective.*

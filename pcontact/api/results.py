@@ -17,7 +17,7 @@ from pcontact.io.report import History, Report, columns, jsonable, read_report
 from pcontact.io.result import has_fields, load_result
 from pcontact.io.vtu import CELL_TYPES, SOLID
 from pcontact.runtime.errors import InputError
-from pcontact.runtime.files import discard
+from pcontact.runtime.files import discard, reason
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
 
@@ -287,8 +287,9 @@ def load(directory: str | Path, step: int = -1, comm: Any = None) -> Run:
     try:
         report = read_report(directory)
     except (OSError, ValueError, TypeError) as problem:
+        why = reason(problem) if isinstance(problem, OSError) else problem
         raise InputError(
-            f"{directory}: found no report.json that can be read ({problem}); allowed: the output directory of a run"
+            f"{directory}: found no report.json that can be read ({why}); allowed: the output directory of a run"
         ) from None
     fields = _loaded(directory, step) if has_fields(directory) else None
     run = Run(report, fields, MPI.COMM_SELF if comm is None else comm)

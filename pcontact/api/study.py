@@ -9,7 +9,7 @@ import re
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -101,6 +101,9 @@ def study(
     """
     scene = scene if isinstance(scene, model.Scene) else read(scene)
     names = list(parameters)
+    for name, values in parameters.items():
+        if isinstance(values, str) or not isinstance(values, Iterable):
+            raise InputError(f"study: {name}: found {values!r}; allowed: a list of values, one for each case")
     cases = [dict(zip(names, values, strict=True)) for values in itertools.product(*parameters.values())]
     scenes = [_changed(scene, case) for case in cases]
     if ranks is None and jobs == 1:
@@ -131,7 +134,7 @@ def _changed(scene: model.Scene, case: Mapping[str, Any]) -> model.Scene:
         except (AttributeError, KeyError, IndexError, TypeError):
             names = there(one)
             found = f"no {where!r} in the scene: {unknown_name(str(at), 'which is not there', names)}"
-            allowed = f"there: {', '.join(names)}" if names else "places as contacts[0].friction, materials.NAME.E"
+            allowed = ", ".join(names) or "places as contacts[0].friction, materials.NAME.E"
             raise InputError(f"study: found {found}; allowed: {allowed}") from None
     return made
 

@@ -16,7 +16,7 @@ from pcontact.runtime.process import last_words
 # [-] Part by which small strain may put results wrong without a word. From: chosen; a strain of 4 %, or a turn by 11.5
 # degrees, of a whole body.
 ENOUGH = 0.02
-# [-] Such a part from which on the units may be wrong. From: chosen; a strain of 20 %, which few bodies are meant to have.
+# [-] Such a part from which on the units may be wrong. From: chosen; a strain of 20 %, which few bodies are to have.
 FAR, UNITS = 0.1, "; if so much is not meant: lengths, moduli and loads in units that belong together"
 # Residuals that the bar shows. From: chosen, the width of a terminal.
 SHOWN = 6

@@ -246,7 +246,7 @@ def test_options_that_nothing_asked_for(squares):
     """They are named, to who has given them."""
     with pytest.warns(UserWarning) if WORLD.rank == 0 else _nothing() as told:
         run = pc.run(squares, options={"contact_tehta": 1})
-    line = "option -contact_tehta was not used; the nearest is -contact_theta"
+    line = "option -contact_tehta: neither pcontact nor PETSc has it; the nearest is -contact_theta"
     assert run.unused == [line] and run.converged
     if WORLD.rank == 0:
         assert [str(one.message) for one in told] == [line] and told[0].filename == __file__

@@ -194,6 +194,8 @@ def test_a_study_goes_on_where_a_case_fails():
     assert force[1] == pytest.approx(2 * force[0], rel=1e-6)
     with pytest.raises(pc.InputError, match=r"no 'contacts\[0\].fricton'"):
         pc.study(scene(), {"contacts[0].fricton": [0]})
+    with pytest.raises(pc.InputError, match=r"contacts\[0\].friction: found 0.1; allowed: a list of values"):
+        pc.study(scene(), {"contacts[0].friction": 0.1})
     with pytest.raises(KeyError, match="there are steps.count"):
         rows = pc.study(scene(), {"steps.count": []})
         pc.Study([{"steps.count": 1}])["force"]
