@@ -89,8 +89,8 @@ def test_results_show_themselves():
 @pytest.mark.parametrize(
     ("where", "words"),
     [("contacts['pres'].friction", ("'pres'", "'press'", "a-b, press, 0, 1")),
-     ("contacts[0].frction", ("'frction'", "'friction'", "there: source")),
-     ("materials.stel.E", ("'stel'", "there: steel")), ("step.count", ("'step'", "'steps'")),
+     ("contacts[0].frction", ("'frction'", "'friction'", "allowed: source")),
+     ("materials.stel.E", ("'stel'", "allowed: steel")), ("step.count", ("'step'", "'steps'")),
      ("contacts[5].friction", ("'5'", "a-b, press, 0, 1"))],
 )  # fmt: skip
 def test_a_study_says_what_there_is(where, words):
