@@ -407,6 +407,8 @@ def misled(pair, u, found, normal, time, keeps=0.0, former=None):
     inside = found.paired & ~bears & (gap - pair.method.begins < -max(deepest, pair.search.rounding))
     # what its own tension holds open would be open with the gap of the search, too
     inside &= traction + pair.method.gamma * gap <= 0.0
+    # what a phase ties stays as it is, and so does what is open between it
+    inside &= not pair.law.held
     counts, areas = (np.sum(misses), np.sum(inside)), (jxw[bears].sum(), jxw[inside] @ -gap[inside])
     sums = [force.sum(), force[misses].sum(), *counts, *areas, *way, *(force @ normal)]
     total, missed, misses, inside, area, depth, *sums = comm.allreduce(np.array(sums), op=MPI.SUM)

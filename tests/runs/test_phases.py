@@ -182,6 +182,19 @@ def test_surfaces_that_tie_when_they_are_closed_take_tension(mesh, contact):
     assert steps[5]["contacts"]["joint"]["area"] == 0.0
 
 
+@pytest.mark.parametrize("strain", ["small", "finite"])
+def test_what_is_open_between_tied_surfaces_stays_so(mesh, strain):
+    """Pressed together on the right, tied, and pressed all over: on the left surfaces go into each other, of which no
+    search for partners makes contact."""
+    top = Displacement("upper_top", [0, "-0.02*(2*x - 1)*min(t, 1) - 0.1*max(t - 1, 0)"])
+    case = blocks(mesh["blocks"], [Phase("press"), Phase("sink", 1.0, 2, tied=["joint"])], {}, [top])
+    case.bodies = [Body(name, "m", strain=strain) for name in ("lower", "upper")]
+    _, steps = simulated(case)
+    joint = [step["contacts"]["joint"] for step in steps]
+    assert 0 < joint[1]["stick"] == joint[2]["stick"] == joint[0]["slip"] and joint[2]["open"] == joint[0]["open"] > 0
+    assert steps[2]["partners"]["unsettled"] == [] and steps[2]["newton"] <= 4
+
+
 @pytest.mark.parametrize("moved", [0.1, -0.1])
 def test_a_tie_of_surfaces_that_are_apart_is_told(mesh, moved):
     log.forget_warnings()
