@@ -288,11 +288,15 @@ def measured(scene, of, target, args):
     own = loop.best_scene()
     own.output.estimate = False
     with log.quiet(), solved(own, loop.mesh, MPI.COMM_SELF) as (run, record):
-        answer, found = Answer.of(run, True), None if of == "energy" else number(of, run, record)
-    if of == "energy":
-        row["true"] = best.distance(partial(answer.solution.at, near=True), answer.axisymmetric, answer.laws)
-    else:
-        row["true"] = abs(found / known[0] - 1.0)
+        # over what the run has found, as errors are named
+        if of == "energy":
+            answer = Answer.of(run, True)
+            bodies = answer.axisymmetric, answer.laws
+            size = best._replace(clouds=clouds_of(run)).distance(_nothing, *bodies)
+            row["true"] = best.distance(partial(answer.solution.at, near=True), *bodies) / size
+        else:
+            found = number(of, run, record)
+            row["true"] = abs(found - known[0]) / max(abs(found), 1e-300)
     return row
 
 

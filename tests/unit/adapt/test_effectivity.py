@@ -114,11 +114,11 @@ def test_the_part_is_that_of_meshes_once_two_have_been_compared(plastic):
     assert part == (YIELDING if plastic else 1.0) and known[:2] == UNSEEN[2, 2]
     simulation.error_estimate.over_steps = 0.6
     part, known = seen.part(simulation, watch, 0.0)
-    assert part == pytest.approx(0.8) and known[:2] == SEEN
+    assert part == pytest.approx(0.8) and known.least == SEEN
     assert seen.unforeseen == 1.0
     # one whose estimate has not fallen counts until the next one
     part, known = seen.part(simulation, watch, 0.0)
-    assert part == pytest.approx(0.36) and known[:2] == SEEN
+    assert part == pytest.approx(0.36) and known.least == SEEN
     # as long as load steps may have changed as much as the mesh, what was seen before counts
     simulation.error_estimate.over_steps = 0.1
     assert seen.part(simulation, watch, 0.9)[0] == pytest.approx(0.36) and seen.unforeseen == 0.0
