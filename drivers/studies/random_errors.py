@@ -328,11 +328,11 @@ def tables(rows):
 PAGE = """# Errors named on scenes drawn from seeds
 
 `python drivers/studies/random_errors.py --seeds ... -o DIR --publish docs/tables/random_errors.md` writes this page;
-the driver's head says how scenes and references are made. Errors are parts of one. `reference` is what the reference
-may lack; rows for which that is more than a tenth of the target end with *no reference*. `cost` is the processor time
-of the whole loop over that of one run on the last mesh by default settings, of the same degree and with the same load
-steps, both on one rank; `true` the error of the last pass. Loops end at 30,000 unknowns in the plane, 15,000 in space,
-and 300 s of the clock.
+the driver's head says how scenes and references are made. Errors, named and true ones, are parts of what the run has
+found. `reference` is what the reference may lack; rows for which that is more than a tenth of the target end with
+*no reference*. `cost` is the processor time of the whole loop over that of one run on the last mesh by default
+settings, of the same degree and with the same load steps, both on one rank; `true` the error of the last pass. Loops
+end at 30,000 unknowns in the plane, 15,000 in space, and 300 s of the clock.
 """
 
 

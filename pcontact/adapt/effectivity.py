@@ -35,9 +35,9 @@ AGREE = 0.5
 # docs/estimate.md.
 UNSEEN = {(2, 1): (0.85, 1.25), (2, 2): (0.65, 1.1), (3, 1): (0.9, 2.4), (3, 2): (0.8, 1.6)}
 PRESSURE, QUANTITY = (0.6, 2.5), (0.4, 2.0)
-# [-] The least effectivity of a mesh over that which it shows with the one before. From: the least of 69 such meshes of
-# scenes of seeds 0 to 97; the least of 59 has 95 % above it, with 95 % certainty (Wilks 1941). It is near one where the
-# estimate has fallen little; where it has fallen to less than half, both meshes show what the coarser one has.
+# [-] The least effectivity of a mesh over that which it shows with the one before. From: all but one (0.56) of 88 such
+# meshes of scenes of seeds 0 to 97 have more, and so 95 % of all with 94 % certainty (order statistics). It is near one
+# where the estimate has fallen little; where it has fallen to less than half, both show what the coarser one has.
 SEEN = 0.6
 # [-] The same of meshes that none has been compared with, where bodies yield. From: Hill's cylinder, 0.62 to 0.64.
 YIELDING = 0.6
