@@ -13,7 +13,7 @@ from pcontact.assembly.finite_kernels import (
     commit,
     stored_energy,
 )
-from pcontact.assembly.geometry import chunks, hoop, n_points, points_of
+from pcontact.assembly.geometry import chunks, hoop, keep, n_points, points_of
 from pcontact.assembly.graph import BlockRows, multiply, node_graph
 from pcontact.assembly.item import LAW
 from pcontact.assembly.matrix import OwnedRows, positions
@@ -140,6 +140,8 @@ class FiniteSolid(Bulk):
             for number, block in enumerate(space.mesh.blocks)
             if materials[block.body] is not None
         }
+        for number in self.parts:
+            keep(space, number)
         # whether a warning of the additive split may have to be given, the same on all ranks
         self._watches = any(m is not None and m.yields and not m.multiplicative for m in materials)
         rowptr, columns = node_graph([space.cells[number] for number in self.parts], space.n_local)
