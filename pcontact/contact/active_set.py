@@ -328,7 +328,8 @@ def normal_motion(pair, u, before):
         nodes, local = np.unique(pair.search.target.nodes), pair.space.local
         moved = local.gather(u)[nodes] - local.gather(before)[nodes]
         alone = np.flatnonzero(~p.paired)
-        middle, half = _box(comm, moved)
+        low, high = bounding_box(comm, moved)
+        middle, half = 0.5 * (low + high), 0.5 * (high - low)
         bound = np.abs(change[alone] + p.normal[alone] @ middle) + np.abs(p.normal[alone]) @ half
         # the box depends on the axes: what goes too far is decided by the motions themselves
         far = np.flatnonzero(bound > pair.radius)
@@ -339,12 +340,6 @@ def normal_motion(pair, u, before):
             bound[far] = exact
         change[alone] = bound
     return comm.allreduce(float(np.max(np.abs(change), initial=0.0)), op=MPI.MAX)
-
-
-def _box(comm, moved):
-    """Middle and half extent (d,) of the box around motions (n, d) of all ranks [length]. *Collective.*"""
-    low, high = bounding_box(comm, moved)
-    return 0.5 * (low + high), 0.5 * (high - low)
 
 
 @njit

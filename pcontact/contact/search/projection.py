@@ -990,7 +990,7 @@ def ray_tracing(target, query, facing=FACING, exclusion=None, opposite=False):
 
 def _search(target, query, criteria, exclusion):
     """Check and convert the arguments (one compiled specialisation serves all), run the kernel."""
-    x, points, normals = (_floats(array) for array in (target.x, query.x, query.normal))
+    x, points, normals = (np.require(one, np.float64, ["C", "W"]) for one in (target.x, query.x, query.normal))
     kinds, ids = (np.require(array, np.int64, ["C", "W"]) for array in (target.kinds, target.ids))
     d = points.shape[1]
     radii = np.empty(len(points))
@@ -1013,7 +1013,3 @@ def _search(target, query, criteria, exclusion):
         facets = target._replace(x=x, kinds=simple, ids=ids, own=own, cones=cones)
         search_all(facets, QueryPoints(points, normals, radii, int(query.patience)), criteria, exclusion, projections)
     return projections
-
-
-def _floats(array):
-    return np.require(array, np.float64, ["C", "W"])
