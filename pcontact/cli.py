@@ -17,6 +17,7 @@ from pcontact.doctor import examine
 from pcontact.io.costs import cost_forecast
 from pcontact.io.examples import lay_out, write_example, write_template
 from pcontact.io.modes import write_modes
+from pcontact.io.observers import OUTWARD
 from pcontact.io.report import JsonLines, PassLines, read_steps, summary
 from pcontact.io.report_schema import report_schema
 from pcontact.mesh.distribute import write_plex
@@ -258,7 +259,8 @@ def _say_distance(simulation, contact, least):
     """Say how far an open contact is, and whether what is prescribed goes as far. *Collective.*"""
     scene, reach = simulation.part, _reach(simulation)
     if least == np.inf:
-        log.warning("contact %s: its surfaces do not face each other, however far one looks", contact.name)
+        log.warning("contact %s: its surfaces do not face each other, however far one looks%s", contact.name,
+                    f"; {OUTWARD}" if contact.rigid else "")  # fmt: skip
         return
     line = f"contact {contact.name}: open at first, least distance {least:.4g}"
     loaded = any((scene.loads, scene.temperatures, scene.couplings, scene.pretensions)) or any(

@@ -329,9 +329,7 @@ class Simulation:
         warners = [SmallStrain()]
         if since is None:
             # self contact and contact of all surfaces stand by; a run that goes on does not know what was before
-            warners.append(OpenContacts(
-                [one.name for one in scene.contacts if not one.all and one.source != one.target]
-            ))  # fmt: skip
+            warners.append(OpenContacts([one for one in scene.contacts if not one.all and one.source != one.target]))
         return Lasting(warners, fields, [terminal, *observers], all(kept) or fields is not None)
 
     def _schedule(self):

@@ -16,6 +16,7 @@ from pcontact.runtime.process import last_words
 # [-] Part by which small strain may put results wrong without a word. From: chosen; a strain of 4 %, or a turn by 11.5
 # degrees, of a whole body.
 ENOUGH = 0.02
+OUTWARD = "the normal of an obstacle points to where the bodies may be"
 # [-] Such a part from which on the units may be wrong. From: chosen; a strain of 20 %, which few bodies are to have.
 FAR, UNITS = 0.1, "; if so much is not meant: lengths, moduli and loads in units that belong together"
 # Residuals that the bar shows. From: chosen, the width of a terminal.
@@ -168,12 +169,13 @@ class OpenContacts(Observer):
 
     Parameters
     ----------
-    names : sequence of str
-        Of the contacts that are meant to close.
+    contacts : sequence of pcontact.scene.model.Contact
+        Those that are meant to close.
     """
 
-    def __init__(self, names):
-        self._open = dict.fromkeys(names, (math.inf, 0.0))
+    def __init__(self, contacts):
+        self._open = dict.fromkeys((one.name for one in contacts), (math.inf, 0.0))
+        self._rigid = {one.name for one in contacts if one.obstacle is not None}
 
     def step(self, step, u, record):
         """Keep where a contact came nearest, and forget those that are closed."""
@@ -189,7 +191,8 @@ class OpenContacts(Observer):
             near = f"the least gap was {gap:.3g}, at time {time:g}" if gap < math.inf else "no point had a partner"
             log.warning(
                 "contact %s: open at all points in all load steps: %s. Do loads and motions close it? Are source and "
-                "target the surfaces that meet, within search_radius?", name, near,
+                "target the surfaces that meet, within search_radius?%s", name, near,
+                f" {OUTWARD.capitalize()}." if name in self._rigid else "",
             )  # fmt: skip
 
 

@@ -140,7 +140,7 @@ def _parse(path):
     if where.startswith("line"):
         line = text.replace("\r\n", "\n").split("\n")[int(where.split()[1].rstrip(",")) - 1]
         found += f" in {cut(line.strip())}"
-    allowed = "TOML: tables such as [mesh], keys such as order = 1, names in quotation marks"
+    allowed = "TOML: tables such as [mesh], keys such as order = 1, names in quotation marks, true, false"
     if "immutable" in message:
         allowed = "all keys inside the braces { ... }, or all of them dotted, not both"
     raise input_error(str(path), where, found, allowed)

@@ -527,6 +527,7 @@ def _orthotropic(scene, material) -> Found:
 
 
 def _contact(scene, contact) -> Found:
+    yield from _surfaces(contact)
     if contact.all:
         yield from _all(scene, contact)
     else:
@@ -536,10 +537,6 @@ def _contact(scene, contact) -> Found:
             if getattr(contact, key):
                 words = "friction that is an expression"
                 yield key, f"{key} together with {words}", f"at most one of {key}, {words}"
-    named = {contact.source, contact.target}
-    if contact.surfaces is not None and (contact.obstacle or contact.all or named != set(contact.surfaces)):
-        other = "obstacle" if contact.obstacle else "all" if contact.all else "source or target"
-        yield "surfaces", f"surfaces together with {other}", f"at most one of surfaces, {other}"
     if contact.self_contact is not None and (contact.obstacle or not (contact.all or contact.target == contact.source)):
         found = f"{str(contact.self_contact).lower()} with {'an obstacle' if contact.obstacle else 'two surfaces'}"
         yield "self_contact", found, "all = true, or the same source and target"
@@ -554,6 +551,14 @@ def _contact(scene, contact) -> Found:
     if contact.pressure_overclosure is not None and contact.formulation not in (None, "penalty"):
         yield "formulation", f'"{contact.formulation}" with pressure_overclosure', 'nothing, or "penalty"'
     yield from _theta(scene, contact)
+
+
+def _surfaces(contact) -> Found:
+    """They stand alone; what the scene itself says of source and target is theirs."""
+    named = {contact.source, contact.target}
+    if contact.surfaces is not None and (contact.obstacle or contact.all or named != set(contact.surfaces)):
+        other = "obstacle" if contact.obstacle else "all" if contact.all else "source or target"
+        yield "surfaces", f"surfaces together with {other}", f"at most one of surfaces, {other}"
 
 
 def _all(scene, contact) -> Found:

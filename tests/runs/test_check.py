@@ -41,5 +41,7 @@ def test_how_far_a_contact_is_and_what_closes_it(path, capsys):
         line = said(path, capsys, Contact("upper_top", obstacle=lid, name="lid"))
         assert "lid: open at first, least distance 0.3; " in line and words in line
     assert "do not face each other" in said(path, capsys, Contact("lower_bottom", "upper_top", name="pair"))
+    lid = Obstacle("plane", point=[0.0, 3.0], normal=[0.0, 1.0])
+    assert "the normal of an obstacle points to" in said(path, capsys, Contact("upper_top", obstacle=lid, name="lid"))
     # together they are
     assert not said(two_blocks(path.with_name("closed.msh"), 2), capsys, pair)

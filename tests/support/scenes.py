@@ -171,6 +171,8 @@ def value_cases():
         ('n = "ball"', 'n = "block"', "bodies[1] (block).region", "a second time, as in bodies[0]",
          "each once"),
         ('n = "ball"', "n = 7", "bodies[1].region", "an integer 7", "a string that is not empty"),
+        ('target = "block_top"', 'surfaces = ["ball_skin", "block_top"]', f"{pair}.surfaces",
+         "surfaces together with source or target", "at most one of surfaces"),
         ('"ball-block"', '"floor"', "contacts[1] (floor).name", "a second time, as in contacts[0]",
          "each once"),
         ('"ball-block"', "5", "contacts[0].name", "an integer 5", "a string that is not empty"),
