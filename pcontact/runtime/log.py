@@ -23,6 +23,7 @@ _OBEYED = re.compile(r"\033\[\d*m|[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 LOGGER.addHandler(logging.NullHandler())
 # [s] After how long without a line a file has another one. From: chosen; who reads the file later has a few lines more.
 IN_FILE = 10.0
+GOES_ON = {"goes_on": True}
 LEVELS = {"error": logging.ERROR, "warning": logging.WARNING, "info": logging.INFO, "debug": logging.DEBUG}
 
 
@@ -178,10 +179,13 @@ def quiet():
 
 @contextmanager
 def terse(said):
-    """While this lasts warnings alone are shown, each text once that is not in a set, which grows by them."""
+    """While this lasts warnings alone are shown, each text once that is not in a set, which grows by them; and that a
+    long load step goes on."""
 
     def shown(record):
         text = record.getMessage()
+        if hasattr(record, *GOES_ON):
+            return True
         new = record.levelno >= logging.WARNING and text not in said
         said.update([text] * new)
         return new
@@ -343,7 +347,7 @@ class Progress(_OnTerminal):
                     self._drawn = now
         elif _State.rank == 0 and now - self._said >= IN_FILE:
             self._said = now
-            info("%s", text)
+            LOGGER.info("%s", text, extra=GOES_ON)
 
 
 class Line(_OnTerminal):
