@@ -1,10 +1,8 @@
 """Stretch and rotation of bodies, cell by cell, for reports and pictures.
 
-How far bodies with small strain are from what small strain represents.
+Compiled kernel that says how far bodies with small strain are from what small strain represents.
 
-Compiled kernel that says how far bodies with small strain are from what small strain represents, a point per cell.
-
-With the displacement gradient H at the centre of a cell, small strain e = sym H and the rotation w, the axial vector of
+With the displacement gradient H at a place in a cell, small strain e = sym H and the rotation w, the axial vector of
 skew H, the strain that leaves rigid motions out is
 
     e + 1/2 (|w|^2 I - w w) + O(e^2)
@@ -31,8 +29,8 @@ SUMS = 6
 ROOT = np.sqrt(2.0)
 
 
-class Centres(NamedTuple):
-    """Cells of a block with what takes nodes to their centres.
+class Places(NamedTuple):
+    """Cells of a block with what takes nodes to one place in each of them.
 
     Attributes
     ----------
@@ -43,11 +41,11 @@ class Centres(NamedTuple):
     cells : ndarray (nc, nn)
         Nodes of the displacement.
     geo, dgeo : ndarray (ng,), (ng, d)
-        Shape functions of the geometry at the centre, and their reference gradients.
+        Shape functions of the geometry there, and their reference gradients.
     shape, dshape : ndarray (nn,), (nn, d)
         The same of the displacement.
     weight : float
-        Volume of the reference cell.
+        Volume of the reference cell that the place stands for.
     ring : bool
         Whether x is the radius of an axisymmetric body.
     """
@@ -89,7 +87,7 @@ def add_distortion(centres, nodal, stiffness, held, sums, largest):
 
     Parameters
     ----------
-    centres : Centres
+    centres : Places
     nodal : ndarray (n, d)
         Displacement [length].
     stiffness : Stiffness
@@ -205,22 +203,26 @@ class Distortion(NamedTuple):
         return 0.5 * self.strain, turn, self.stiffening if self.rotation > SLIGHT else 0.0
 
 
-def _centres(space, number):
+def _places(space, number):
+    """Places in the cells of a block, one after the other: the centre where the displacement is of degree 1; of degree
+    2 the strain of a single cell across a body bends it, and is none at the centre."""
     mesh, block = space.mesh, space.mesh.blocks[number]
     table, degree = mesh.geometry_nodes(block)
-    xi, weights = quadrature(block.cell, 1)
-    xi = (weights @ xi / weights.sum())[None, :]
-    return Centres(
-        mesh.points, table, space.cells[number],
-        shape(block.cell, degree, xi)[0], np.ascontiguousarray(shape_gradient(block.cell, degree, xi)[0]),
-        shape(block.cell, space.degree, xi)[0],
-        np.ascontiguousarray(shape_gradient(block.cell, space.degree, xi)[0]),
-        float(weights.sum()), space.axisymmetric,
-    )  # fmt: skip
+    points, weights = quadrature(block.cell, space.degree)
+    if space.degree == 1:
+        points, weights = (weights @ points / weights.sum())[None, :], weights.sum(keepdims=True)
+    for xi, weight in zip(points[:, None, :], weights, strict=True):
+        yield Places(
+            mesh.points, table, space.cells[number],
+            shape(block.cell, degree, xi)[0], np.ascontiguousarray(shape_gradient(block.cell, degree, xi)[0]),
+            shape(block.cell, space.degree, xi)[0],
+            np.ascontiguousarray(shape_gradient(block.cell, space.degree, xi)[0]),
+            float(weight), space.axisymmetric,
+        )  # fmt: skip
 
 
 def _rest(law, centres):
-    """Difference of the stiffness of a law from an isotropic one at the centres of cells (k, 6, 6); k = 0 without."""
+    """Difference of the stiffness of a law from an isotropic one at places of cells (k, 6, 6); k = 0 without."""
     if not law.anisotropic:
         return np.zeros((0, 6, 6))
     some = centres.table[:1] if law.uniform else centres.table
@@ -254,13 +256,13 @@ def distortions(bulk, u, held):
         lam, mu = bulk.constants[block.body]
         if mu == 0.0:
             continue
-        material, centres, worst = bulk.materials[block.body], _centres(space, number), np.zeros(2)
-        stiffness = Stiffness(lam, mu, RADIUS * material.limit / (2.0 * mu), _rest(material, centres))
-        moved = bulk.moved(nodal, number)
-        add_distortion(centres, moved, stiffness, held[block.components], sums[block.body], worst)
-        if worst[0] >= 0.0:
-            place = centres.geo @ centres.places[centres.table[int(worst[1])]]
-            largest[block.body] = max(largest[block.body], (float(worst[0]), tuple(place.tolist())))
+        material, moved, worst = bulk.materials[block.body], bulk.moved(nodal, number), np.zeros(2)
+        for at in _places(space, number):
+            stiffness = Stiffness(lam, mu, RADIUS * material.limit / (2.0 * mu), _rest(material, at))
+            add_distortion(at, moved, stiffness, held[block.components], sums[block.body], worst)
+            if worst[0] >= 0.0:
+                place = at.geo @ at.places[at.table[int(worst[1])]]
+                largest[block.body] = max(largest[block.body], (float(worst[0]), tuple(place.tolist())))
     sums = comm.allreduce(sums, op=MPI.SUM)
     places = [max(found)[1] for found in zip(*comm.allgather(largest), strict=True)]
     # bodies that are absent have no cells

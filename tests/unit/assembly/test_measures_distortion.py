@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from meshes import one_block
 from pcontact.assembly.geometry import some_cells_weighted
 from pcontact.assembly.measures import SLIGHT, Distortion, distortions
 from pcontact.assembly.solid import Solid
@@ -60,6 +61,15 @@ def expected(space, u, lam, mu, limit):
             totals += [weights.sum(), work, work * size, weights.sum() * square, work * square, missing]
     volume, work, strain, turned, weighted, missing = totals
     return strain / work, np.degrees(np.sqrt(max(turned / volume, weighted / work))), abs(missing) / work
+
+
+def test_one_cell_across_a_beam(tmp_path):
+    """Bent in pure bending: no strain at its centre, and rotations that stiffen nothing, as its ends are free."""
+    one_block(tmp_path / "beam.msh", 2, (20, 1), size=(20.0, 1.0), lower=(0.0, -0.5))
+    space, curvature = make_space(SELF, tmp_path / "beam.msh", ["block"], 2), 4e-3
+    one = found(space, lambda x: curvature * np.column_stack([-x[:, 0] * x[:, 1], 0.5 * x[:, 0] ** 2]))
+    assert 0.2 * curvature < one.strain < 0.5 * curvature and one.rotation > SLIGHT
+    assert one.stiffening < 1e-9 and max(one.errors) < 0.01
 
 
 @pytest.mark.parametrize("cell", ["triangle", "tetrahedron"])
