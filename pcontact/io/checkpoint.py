@@ -15,6 +15,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from pcontact.io.names import CHECKPOINT
 from pcontact.mesh.mesh import hashes, mesh_digest, total
 from pcontact.runtime import log
 from pcontact.runtime.errors import InputError
@@ -24,7 +25,7 @@ from pcontact.runtime.parallel import aside_of_root, take_rows, together, write_
 from pcontact.scene.describe import differences, physics_so_far
 from pcontact.scene.model import OUTER, groups_named, tables
 
-NAME, VERSION = "checkpoint.h5", 4
+NAME, VERSION = CHECKPOINT, 4
 ROWS = 1 << 20  # rows that are read at a time
 DISPLACEMENTS = ("displacement", "before")  # at the end and at the beginning of the last load step
 # of the mesh: what a state cannot go on without

@@ -5,6 +5,8 @@ The table of docs/results.md follows from it (``scripts/reference.py``), and pag
 
 from typing import NamedTuple
 
+CHECKPOINT = "checkpoint.h5"
+
 
 class Field(NamedTuple):
     """A field.

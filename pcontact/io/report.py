@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pcontact.io.names import CHECKPOINT
 from pcontact.runtime import log, process
 from pcontact.runtime.files import append_text, discard, going_on, make_directory, replace_file, whole_lines
 from pcontact.runtime.observer import Observer
@@ -133,7 +134,7 @@ class Report:
     def __init__(self, directory, resume_time=None, keep=True):
         self._directory = None if directory is None else Path(directory)
         self._limit = None if resume_time is None else resume_time + 1e-10 * abs(resume_time)
-        self._begun, self.steps = False, [] if keep else None
+        self._begun, self._stepped, self.steps = False, False, [] if keep else None
         self.data = {
             "format": FORMAT, "title": "", "version": "", "ranks": 1, "dofs": 0, "cells": 0, "converged": False,
             "model": {"active": [], "left_out": []}, "timing": {}, "parallel": {}, "memory": {},
@@ -194,6 +195,10 @@ class Report:
         if self._directory is not None:
             if not self._begun:
                 self._open()
+            if self._limit is None and not self._stepped:
+                # a restart would go on from the run before
+                discard(self._directory / CHECKPOINT)
+            self._stepped = True
             append_text(self._directory / STEPS, _line(step))
 
     def leave(self, refused):

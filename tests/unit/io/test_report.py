@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 
+from pcontact.io.names import CHECKPOINT
 from pcontact.io.report import Report, read_report, read_steps
 from tests.support.records import step_row
 
@@ -49,6 +50,18 @@ def test_a_load_step_is_added_and_nothing_else_is_written(tmp_path):
         sizes.append((tmp_path / "steps.jsonl").stat().st_size)
     assert np.diff(sizes)[0] == np.diff(sizes)[1] and (tmp_path / "report.json").stat().st_mtime_ns == written
     assert report.steps is None and len(report.whole()["steps"]) == 4
+
+
+def test_the_checkpoint_of_an_earlier_run_goes(tmp_path):
+    """With the first load step, as other results do; a run that goes on from it keeps it."""
+    old = tmp_path / CHECKPOINT
+    report_of(tmp_path, [0.5])
+    old.write_text("")
+    report_of(tmp_path, [1.0], resume_time=0.5)
+    report_of(tmp_path, [])
+    assert old.exists()
+    report_of(tmp_path, [0.25])
+    assert not old.exists()
 
 
 def test_a_run_that_was_killed_is_read(tmp_path):
