@@ -76,7 +76,8 @@ def scene_options():
     lines = []
     for one in run_options()[title]:
         cls, name = homes[one.name]
-        lines.append([code(one.usage), f"`{name}` of {HEADERS[cls] if cls is Scene else code(HEADERS[cls])}", one.help])
+        home = f"`{name}` of {HEADERS[cls] if cls is Scene else code(HEADERS[cls])}"
+        lines.append([code(one.usage), home, one.help + one.words])
     return rows(["option", "replaces", ""], lines)
 
 

@@ -1076,11 +1076,11 @@ class Scene:
     petsc: dict[str, str] = field(default_factory=dict)
     title: str = key(ANY_TEXT, "what the report and the pictures are called", default="")
     accuracy: str | Target | None = key(
-        preset_or_target(choice(*PRESETS)), "preset of what scene and options leave open, or an error to reach",
+        preset_or_target(choice(*PRESETS)), "preset of what scene and options leave open",
         default=None,
         otherwise="none", option="accuracy", said=choice(*PRESETS),
-        more="a preset sets tolerances, searches and, on a mesh of degree 2, the degree of the displacement; an error "
-        "to reach refines the mesh; see [accuracy.md](accuracy.md)",
+        more="a preset sets tolerances, searches and, on a mesh of degree 2, the degree of the displacement; the "
+        "table names an error to reach, by refining the mesh; see [accuracy.md](accuracy.md)",
     )  # fmt: skip
     allow_unsafe: Sequence[str] = key(
         sequence("a list of " + choice(*UNSAFE).allowed, choice(*UNSAFE)),
