@@ -278,6 +278,9 @@ def test_a_directory_that_cannot_be(tmp_path, monkeypatch, number, error):
     monkeypatch.setattr("os.ftruncate", stop)
     with pytest.raises(error, match=os.strerror(number).lower()), reserved(tmp_path / "a" / "out", SELF):
         pass
+    monkeypatch.undo()
+    with pytest.raises(InputError, match="too long"), reserved(tmp_path / ("o" * 300), SELF):
+        pass
     assert not list(tmp_path.iterdir())
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import drivers
+from pcontact import __version__
 from pcontact.runtime import declared, log, options
 from pcontact.runtime.declared import OPTIONS, Option, read_all
 from pcontact.runtime.errors import InputError
@@ -22,7 +23,7 @@ from pcontact.scene.model import HEADERS, RENAMED, Body, Contact, Material, Obst
 from pcontact.scene.reader import read_scene, scene_from
 from pcontact.scene.schema import schema
 from pcontact.scene.target import Budget, Target
-from pcontact.usage import COMMANDS, parse, run_options, usage
+from pcontact.usage import COMMANDS, answer, parse, run_options, usage
 from tests.support.bad_input import CASES
 from tests.support.bad_input import SCENE as SQUARES
 from tests.support.scenes import FULL, LEVEL_SET, PLAIN, value_cases
@@ -109,6 +110,9 @@ def test_help_has_all_options():
         assert parse([command, "--help"]) == ("help", command, {})
         assert f"pcontact {command}" in usage(command)
     assert "-restart_anyway" in usage("run") and "-restart_anyway" not in usage("view")
+    assert "force:CONTACT" in words and "locking" in words and "a string" not in words
+    assert parse(["help", "view"]) == ("help", "view", {}) and "Options of doctor" not in words
+    assert answer(*parse(["--version"])[:2]) == f"pcontact {__version__}" and answer("run") is None
 
 
 @pytest.mark.parametrize(("word", "allowed"), [("--error", "-error"), ("-error=5%", "-error 5%")])
