@@ -199,6 +199,9 @@ def judged(case, variants, results, work):
         if wrong.kind == "path":
             notes.append(f"path: {wrong.text}")
             continue
+        if wrong.kind == "status" and unpromised(case) is not None:
+            notes.append(f"{unpromised(case)}: {wrong.text}")
+            continue
         if singular is None:
             singular = uniqueness(case, work, case.seed)
         first = next((k for k, value in enumerate(singular) if value < SINGULAR), None)

@@ -10,9 +10,25 @@ from formulas import Formula, combined
 from grids import block, msh_text, read_msh, sectioned
 from runner import job_of, run_jobs
 from scenes import Case, kept, scene_of, texts
-from variants import TIGHT, Motion, moved
+from variants import TIGHT, Motion, Variant, moved
 
 MIRROR = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+
+
+@pytest.mark.parametrize("formulation", ["augmented_lagrangian", "nitsche"])
+def test_one_variant_that_stops_where_nothing_is_promised(monkeypatch, tmp_path, formulation):
+    """No finding, whichever of the variants it is: another stop of the same cause."""
+    case = Case(1, {"materials": {}, "contacts": [{"formulation": formulation}]}, None)
+    wrong = fuzz.Finding(1, "plain", "status", "stopped became converged")
+    monkeypatch.setattr(fuzz, "absolute", lambda *arguments: [])
+    monkeypatch.setattr(fuzz, "uniqueness", lambda *arguments: [1.0])
+    monkeypatch.setattr(fuzz, "_compared", lambda *arguments: wrong)
+    variants = [Variant("tight", case, {}, against=""), Variant("plain", case, {})]
+    results = {"tight": {"status": "stopped", "cuts": []}, "plain": {"status": "converged", "cuts": []}}
+    findings, notes = fuzz.judged(case, variants, results, tmp_path)
+    promised = formulation == "nitsche"
+    assert [finding.kind for finding in findings] == (["stopped", "status"] if promised else [])
+    assert len(notes) == (0 if promised else 2)
 
 
 def test_a_formula_moves_with_the_places():
