@@ -56,12 +56,12 @@ def rings_scene(folder, error, degree=1):
 @pytest.mark.parallel
 @pytest.mark.slow
 def test_rings_reach_their_error(shared_tmp):
-    """The true error is below the one that is named, by no more than a safety factor, and that is near the target."""
+    """The true error is below the one that is named, and the mesh is not much finer than that needs."""
     loop = Loop(rings_scene(shared_tmp, 0.04), take=true_error)
     outcome = loop.run(shared_tmp / "out")
     assert outcome.status == REACHED
     named, (true, cells) = loop.passes[-1].error, outcome.kept
-    assert 0.4 * named < true < named and 0.6 * 0.04 < named <= 0.04
+    assert true < named <= 0.04 and true > 0.4 * 0.04
     report = json.loads((shared_tmp / "out" / "report.json").read_text())
     section = report["accuracy"]
     assert section["reached"] and section["error"] == pytest.approx(named) and section["target"]["of"] == "energy"

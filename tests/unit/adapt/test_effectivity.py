@@ -122,6 +122,8 @@ def test_the_part_is_that_of_meshes_once_two_have_been_compared(plastic):
     # as long as load steps may have changed as much as the mesh, what was seen before counts
     simulation.error_estimate.over_steps = 0.1
     assert seen.part(simulation, watch, 0.9)[0] == pytest.approx(0.36) and seen.unforeseen == 0.0
+    space.degree = 1
+    assert seen.part(simulation, watch, 0.0)[1].least == UNSEEN[2, 1][0]
 
 
 def test_an_error_that_was_not_seen_on_a_mesh_counts_there():
