@@ -48,7 +48,7 @@ from pcontact.material.finite import (
     to_tensor,
 )
 from pcontact.material.log_strain import compose, eigenpairs, twice_green, volume_change
-from pcontact.runtime.jit import njit, njit_inner
+from pcontact.runtime.jit import njit, njit_inner, njit_within
 
 # below this, the series of g; of the sum: what no longer changes it
 CLOSE, LAST = 0.5, 1e-18
@@ -206,8 +206,8 @@ def _add_means(cells, c, q, work):
                 work.means[b, a * d] += factor * inverse[2, 2] * cells.ring[c, q, a]
 
 
-@njit_inner
-def begin_cell(state, cells, nodal, c, mode, work):
+@njit_within
+def _begin_cell(state, cells, nodal, c, mode, work):
     """Displacement gradients of a cell, and its mean dilatation; False if a point of it cannot be integrated."""
     material = state.material
     nq, nb = cells.grad.shape[1], cells.basis.shape[2]
@@ -262,7 +262,13 @@ def begin_cell(state, cells, nodal, c, mode, work):
 
 
 @njit_inner
-def point_of_cell(state, cells, c, q, mode, work):
+def begin_cell(state, cells, nodal, c, mode, work):
+    """:func:`_begin_cell`, apart."""
+    return _begin_cell(state, cells, nodal, c, mode, work)
+
+
+@njit_within
+def _point_of_cell(state, cells, c, q, mode, work):
     """S of a point, with its tangent, Fb, Ui and P; False if it cannot be integrated. After :func:`begin_cell`."""
     row = c if len(state.material.small.curve) > 0 else 0
     good, plastic, _, _ = stress_at(
@@ -294,6 +300,12 @@ def point_of_cell(state, cells, c, q, mode, work):
 
 
 @njit_inner
+def point_of_cell(state, cells, c, q, mode, work):
+    """:func:`_point_of_cell`, apart."""
+    return _point_of_cell(state, cells, c, q, mode, work)
+
+
+@njit_within
 def _fill_operators(cells, c, q, weight, work):
     """Gb_a, S Gb_a, B and A B of a point. After :func:`point_of_cell`."""
     nn, d, m = cells.grad.shape[2], cells.grad.shape[3], work.point.stress.shape[0]
@@ -360,9 +372,9 @@ def add_forces(state, cells, nodal, work, out):
     """Add the nodal forces to ``out`` (n, d) [force]; NaN in cells that cannot be integrated."""
     nq, nn, d = cells.grad.shape[1], cells.grad.shape[2], cells.grad.shape[3]
     for c in range(len(cells.nodes)):
-        good = begin_cell(state, cells, nodal, c, STRESS, work)
+        good = _begin_cell(state, cells, nodal, c, STRESS, work)
         for q in range(nq):
-            good = good and point_of_cell(state, cells, c, q, STRESS, work)
+            good = good and _point_of_cell(state, cells, c, q, STRESS, work)
             if not good:
                 break
             for a in range(nn):
@@ -404,15 +416,15 @@ def add_sizes(modulus, cells, nodal, out):
                     out[cells.nodes[c, a], 0] += size * abs(cells.ring[c, q, a])
 
 
-@njit_inner
+@njit_within
 def cell_stiffness(state, cells, nodal, c, work):
     """Upper triangle of the stiffness of a cell; False if it cannot be integrated."""
     nq, nn, d = cells.grad.shape[1], cells.grad.shape[2], cells.grad.shape[3]
     stiffness = work.stiffness
-    if not begin_cell(state, cells, nodal, c, CONSISTENT, work):
+    if not _begin_cell(state, cells, nodal, c, CONSISTENT, work):
         return False
     for q in range(nq):
-        if not point_of_cell(state, cells, c, q, CONSISTENT, work):
+        if not _point_of_cell(state, cells, c, q, CONSISTENT, work):
             return False
         _fill_operators(cells, c, q, cells.jxw[c, q], work)
     n = nn * d
@@ -434,7 +446,7 @@ def cell_stiffness(state, cells, nodal, c, work):
     return True
 
 
-@njit_inner
+@njit_within
 def _scatter(stiffness, nodes, c, blocks):
     """Add the symmetric matrix of cell ``c``, of which the upper triangle is known, to block rows."""
     rowptr, columns, out = blocks.rowptr, blocks.columns, blocks.values

@@ -48,8 +48,8 @@ from pcontact.material.log_strain import (
     twice_green,
     volume_change,
 )
-from pcontact.material.plastic import VonMises, flows, plastic_constants, return_map, thickness_strain
-from pcontact.runtime.jit import njit_inline, njit_inner, njit_inner_exact
+from pcontact.material.plastic import VonMises, plastic_constants, return_map, thickness_strain
+from pcontact.runtime.jit import njit_inline, njit_inner_exact, njit_within, njit_within_exact
 
 # what is asked of a point: the stress alone, with the consistent tangent, with the elastic one
 STRESS, CONSISTENT, ELASTIC = 0, 1, 2
@@ -279,7 +279,7 @@ PAIRS = np.array([[0, 0], [1, 1], [2, 2], [0, 1], [1, 2], [0, 2]])
 NUMBER = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2]])
 
 
-@njit_inner
+@njit_within
 def _hencky_small(material, p, pressure, mode, work):
     """:func:`stress_at` for a small 2 G in ``work.twice``, in space and without flow; False where it is not that."""
     rows, products, strain = work.moduli, work.part, work.strain
@@ -290,8 +290,9 @@ def _hencky_small(material, p, pressure, mode, work):
         strain[k] = logs[k] if k < 3 else ROOT * logs[k]
         work.plastic[k] = 0.0
         work.new[k] = 0.0
-    if len(material.small.curve) > 0 and flows(material.small, strain, work.plastic, p, work.slope):
-        return False
+    if len(material.small.curve) > 0:
+        if return_map(material.small, strain, work.plastic, p, False, work.new, work.slope, work.tangent)[1]:
+            return False
     mu, lam, trace = material.small.constants[1], material.own, logs[0] + logs[1] + logs[2]
     for k in range(6):
         own[k] = 2.0 * mu * logs[k] + (lam * trace + pressure if k < 3 else 0.0)
@@ -316,7 +317,7 @@ def _hencky_small(material, p, pressure, mode, work):
     return True
 
 
-@njit_inner_exact
+@njit_within_exact
 def stress_at(material, h, plastic_strain, p, pressure, mode, work):
     """Stress at a point, with its tangent, and the state that goes with it.
 

@@ -70,7 +70,7 @@ def twice_green(h, out):
             out[j, i] = value
 
 
-@njit_inline
+@njit_inner
 def _inverse(xx, yy, zz, xy, yz, xz):
     """Inverse of a symmetric tensor, by components."""
     a, b, c = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
@@ -81,7 +81,7 @@ def _inverse(xx, yy, zz, xy, yz, xz):
     )  # fmt: skip
 
 
-@njit_inline
+@njit_inner
 def fill_product(a, b, out):
     """Product of symmetric tensors that have the same axes, all by components XX, YY, ZZ, XY, YZ, XZ."""
     out[0] = a[0] * b[0] + a[3] * b[3] + a[5] * b[5]

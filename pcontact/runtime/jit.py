@@ -531,5 +531,9 @@ njit_exact = _compiled(fastmath=False)
 # the time of a search.
 njit_inner = _compiled(fastmath=FAST, **UNCOUNTED)
 njit_inner_exact = _compiled(fastmath=False, **UNCOUNTED)
+# For what is called at every point and does much, in kernels that take most of the time: a call that hands over all
+# scratch arrays of a cell takes longer than what is computed after it. The compiler has more to do.
+njit_within = _compiled(fastmath=FAST, forceinline=True, **UNCOUNTED)
+njit_within_exact = _compiled(fastmath=False, forceinline=True, **UNCOUNTED)
 # For what is called at every point and does little. The code becomes part of the caller, and takes its arithmetic.
 njit_inline = _compiled(inline="always")
