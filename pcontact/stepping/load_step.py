@@ -79,8 +79,6 @@ class PartnerUpdate:
         self._settle = multipliers(self if self._follows else newton)
         # how many times as much the last change of partners has changed forces as was expected, at least 1
         self._gain = 1.0
-        # whether an iterate near the solution has got all partners that points find there
-        self._near = False
 
     def __call__(self, u, before, time):
         """Solve a load step. *Collective.*
@@ -99,7 +97,7 @@ class PartnerUpdate:
         pcontact.solve.convergence.NewtonResult
             With the iterations of all runs, and what the last search has said.
         """
-        left, self._step, self._searches, self._near = [WITHIN], (before, time), 0, False
+        left, self._step, self._searches = [WITHIN], (before, time), 0
 
         # bodies that yield move far, and take as many iterations to flow anew as they took to flow
         near = NEAR_SOLUTION if self._follows or self.carried or self.problem.bulk.yields else 0.0
@@ -108,9 +106,7 @@ class PartnerUpdate:
         def follow(x, part):
             if not left[0] or not (part < near or any([item.strays(x) for item in self.items])):
                 return False
-            firm = self._follows and left[0] <= WITHIN - FIRM
-            changed = self._renewed(x, firm, self.tolerance / self._gain)
-            self._near = self._near or (self._follows and part < near and not firm)
+            changed = self._renewed(x, self._follows and left[0] <= WITHIN - FIRM, self.tolerance / self._gain)
             left[0] -= changed
             return changed
 
@@ -138,8 +134,7 @@ class PartnerUpdate:
             return result
         for searches in range(self.most + 1):
             before = self._forces(u) if result.converged else None
-            firm = searches >= FIRM or self._near
-            if before is None or not self._renewed(u, firm, self.tolerance / self._gain):
+            if before is None or not self._renewed(u, searches >= FIRM, self.tolerance / self._gain):
                 break
             if searches == self.most:
                 reason = f"points of contact still find other partners after {self.most} searches"
