@@ -334,6 +334,15 @@ def _ends(slot, centres, normals, position, low, high):
 
 
 @njit_exact
+def _keys(slot, position, low, scale, top, out):
+    """Whole numbers from 0 to top in the order of the positions."""
+    for c in range(slot.shape[0]):
+        a = slot[c]
+        if a >= 0:
+            out[c] = min(max(np.int64((position[c] - low[a]) * scale[a]), 0), top)
+
+
+@njit_exact
 def _count(slot, keys, work, shift, prefix, digit, out):
     """Work and number of the cells of parts that begin with a prefix, by their next digit (shift < 0: not wanted)."""
     for c in range(slot.shape[0]):
@@ -342,6 +351,24 @@ def _count(slot, keys, work, shift, prefix, digit, out):
             b = (keys[c] >> shift[a]) & ((1 << digit) - 1)
             out[0, a, b] += work[c]
             out[1, a, b] += 1
+
+
+@njit_exact
+def _within(slot, keys, shift, prefix, out):
+    """Return whether cells begin with the prefix of their part."""
+    for c in range(slot.shape[0]):
+        a = slot[c]
+        out[c] = a >= 0 and keys[c] >> shift[a] == prefix[a]
+
+
+@njit_exact
+def _divide(slot, keys, ids, last_key, last_id, right, out):
+    """New slots: a cell stays in that of its part up to (last_key, last_id), and goes to the right one beyond."""
+    for c in range(slot.shape[0]):
+        a = slot[c]
+        if a >= 0:
+            beyond = keys[c] > last_key[a] or (keys[c] == last_key[a] and ids[c] > last_id[a])
+            out[c] = right[a] if beyond else out[c]
 
 
 def _narrow(cells, slot, keys, shares, sizes):
@@ -382,7 +409,9 @@ def _narrow(cells, slot, keys, shares, sizes):
 
 def _last(cells, slot, keys, left, sizes, shift, prefix, wanted):
     """Key and number of the last cell that goes left, for every part. *Collective.*"""
-    rows = np.flatnonzero((slot >= 0) & (keys >> shift[slot] == prefix[slot]))
+    within = np.empty(len(slot), dtype=bool)
+    _within(slot, keys, shift, prefix, within)
+    rows = np.flatnonzero(within)
     own = np.column_stack([slot[rows], keys[rows], cells.ids[rows], cells.work[rows]])
     # a few cells per part
     every = np.concatenate(cells.comm.allgather(own))
@@ -405,19 +434,20 @@ def _cut(cells, choose, slot, left, sizes):
     """Cut all parts: slots (n,) in which part a becomes 2 a and 2 a + 1. *Collective.*"""
     shares = left / sizes
     normals, shares = choose(slot, shares)
-    position, (low, high) = np.empty(len(slot)), np.full((2, len(sizes)), np.inf)
+    n_parts = len(sizes)
+    position, keys = np.empty(len(slot)), np.zeros(len(slot), dtype=np.int64)
+    low, high = np.full((2, n_parts), np.inf)
     high *= -1.0
     _ends(slot, cells.centres, np.ascontiguousarray(normals), position, low, high)
     low, high = reduced(cells.comm, low, MPI.MIN), reduced(cells.comm, high, MPI.MAX)
     scale = 2.0**BITS / np.where(high > low, high - low, 1.0)
-    inside, keys = slot >= 0, np.zeros(len(slot), dtype=np.int64)
-    part = slot[inside]
-    keys[inside] = np.clip((position[inside] - low[part]) * scale[part], 0.0, 2.0**BITS - 1.0)
+    _keys(slot, position, low, scale, 2**BITS - 1, keys)
     del position
     found = _narrow(cells, slot, keys, shares, sizes)
-    last_key, last_id = (last[slot] for last in _last(cells, slot, keys, left, sizes, *found))
-    beyond = (keys > last_key) | ((keys == last_key) & (cells.ids > last_id))
-    return np.where(inside, 2 * slot + beyond, -1)
+    last_key, last_id = _last(cells, slot, keys, left, sizes, *found)
+    new = np.where(slot >= 0, 2 * slot, -1)
+    _divide(slot, keys, cells.ids, last_key, last_id, 2 * np.arange(n_parts, dtype=np.int64) + 1, new)
+    return new
 
 
 def bisect(cells, count):

@@ -177,6 +177,17 @@ def _spread(table, offsets, cells, expanded, level, waiting, start):
                         end = (end + 1) % size
 
 
+@njit
+def _radii(points, table, component, middles, out):
+    """Distance of the vertices of cells from the middle of their component."""
+    for c in range(table.shape[0]):
+        for v in range(table.shape[1]):
+            total = 0.0
+            for i in range(middles.shape[1]):
+                total += (points[table[c, v], i] - middles[component[c], i]) ** 2
+            out[table[c, v]] = np.sqrt(total)
+
+
 class CellDistances:
     """Distances of the nodes of the cells of this rank.
 
@@ -250,7 +261,7 @@ class CellDistances:
         sums = reduced(self.comm, sums, MPI.SUM)
         middles = low + sums[:, 1 : 1 + d] / np.maximum(sums[:, :1], 1) * (span / 2**MOMENT_BITS)
         out = np.zeros(len(points))
-        out[self._table] = np.linalg.norm(points[self._table] - middles[self._component][:, None], axis=2)
+        _radii(points, self._table, self._component, middles, out)
         return out
 
     def __call__(self):
