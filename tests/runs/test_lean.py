@@ -262,9 +262,9 @@ def test_prices_of_what_is_left_out(mesh):
     for item in simulation.problem.items:
         item.detect(simulation.problem.space.vector(), 0.0, 0.0)
     lines = " ".join(cost_forecast(simulation.problem, simulation.scene))
-    assert all(f"left out, {piece}" in lines for piece in ("friction", "plasticity", "finite strain", "unbiased"))
+    assert all(f"more with {piece}" in lines for piece in ("friction", "plasticity", "finite strain", "unbiased"))
     simulation.scene.contacts[0].friction = 0.2
-    assert "left out, friction" not in " ".join(cost_forecast(simulation.problem, simulation.scene))
+    assert "more with friction" not in " ".join(cost_forecast(simulation.problem, simulation.scene))
     simulation.close()
 
 
