@@ -238,8 +238,10 @@ def say_what_came_out(kept, directory, **other):
 
 
 def _gaps(contact, comm):
-    """Number of points with a partner in the undeformed bodies, least and largest gap. *Collective.*"""
-    own = np.concatenate([p.gap0[p.paired] for p in (pair.pairing for pair in contact.pairs)])
+    """Number of points with a partner in the undeformed bodies, least and largest gap, whatever acts of it at the
+    beginning. *Collective.*"""
+    gaps = [(pair.pairing, pair.pairing.gap0 + pair.search.waiting(0.0)) for pair in contact.pairs]
+    own = np.concatenate([gap[p.paired] for p, gap in gaps])
     least = comm.allreduce(float(np.min(own, initial=np.inf)), op=MPI.MIN)
     return comm.allreduce(len(own)), least, comm.allreduce(float(np.max(own, initial=-np.inf)), op=MPI.MAX)
 

@@ -593,6 +593,10 @@ class Detection:
         # surfaces that touch are closed in the first tangent, whatever the rounding of their coordinates says
         return found._replace(gap=np.where(found.paired & (np.abs(gap) > self.rounding), gap, 0.0))
 
+    def waiting(self, time):
+        """See :meth:`InitialGap.waiting`; 0 where all of the gap between the undeformed bodies acts at once."""
+        return 0.0 if self._initial is None else self._initial.waiting(time)
+
     def measure(self, u, time):
         """Take the gap between the undeformed bodies, from which the first load step begins at ``u``, with an obstacle
         where it is before it moves, at a time; once. *Collective.*"""
@@ -635,10 +639,14 @@ class InitialGap:
 
     def offset(self, time):
         """Addend of gaps (np,) at a time [length]."""
+        return self._base - self.waiting(time)
+
+    def waiting(self, time):
+        """The part of overlaps and gaps (np,) that does not act yet at a time [length]."""
         if self._table is None:
-            return self._base
+            return np.zeros_like(self._base)
         times, factors = np.transpose(self._table)
-        return self._base + (np.interp(time, times, factors) - 1.0) * self._overlap
+        return (1.0 - np.interp(time, times, factors)) * self._overlap
 
 
 def initial_gap(contact):
