@@ -77,7 +77,7 @@ _NAME = 80
 
 
 def instead(path):
-    """What makes a mesh of a file that holds something else, in words for a message; empty where nothing is known."""
+    """Words for a message: what makes a mesh of a file that holds something else; none where nothing is known."""
     suffix = path.suffix.lower()
     if suffix == ".inp":
         return f"; of a deck of Abaqus or CalculiX, pcontact import {path} makes a scene with its mesh"

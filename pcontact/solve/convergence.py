@@ -74,7 +74,7 @@ class Balance:
         return self._vain >= VAIN
 
     def _moves(self, u, left):
-        """Whether forces along the free motions (n_bodies,) are more than what counts as none [force]. *Collective.*"""
+        """Return whether forces (n_bodies,) along the free motions are more than what counts as none. *Collective.*"""
         forces = self._problem.active.borne(u) + self._problem.forces.by_component(u)
         return left > np.maximum(LEFT * forces[self._bodies.bodies] / np.sqrt(self._nodes), self._rounding(u))
 
