@@ -21,7 +21,7 @@ ROUNDING_PART = 1e-4
 # [-] Part of the work of the stresses that a viscous stabilisation may take up without a word. From: chosen, as
 # UNBALANCED.
 VISCOUS = 1e-3
-# [-] Part of the energy that there is which may be missing, or come from nowhere, in a motion without a word.
+# [-] Part of the energy that there is which may be missing, or come from nowhere in a motion, without a word.
 # From: chosen, of the order of what integrators dissipate in an impact.
 ENERGY_PART = 1e-2
 # [load steps] For so long all points have been open where what contact stores is nothing. From: chosen, longer than
@@ -114,7 +114,7 @@ class Recorder:
         if self._energy is not None:
             record["energy"] = self._energy.record(u)
         record |= found
-        if features.inertia is not None:
+        if "energy" in record:
             self._warn_of_energy(step.time, record)
         if features.total:
             record["loads"] = {load.name: load.record(u, step.time) for load in features.total}
@@ -232,28 +232,28 @@ class Recorder:
             )  # fmt: skip
 
     def _warn_of_energy(self, time, record):
-        """Say once that the energies of a motion do not add up, and once that contact and integrator, which can but
+        """Say once that the energies do not add up, and once that contact and the integrator of a motion, which can but
         take some, have made some. What is closed may store some, and give it back."""
-        energy = record.get("energy")
-        if energy is None:
-            return
+        energy = record["energy"]
+        there = max(abs(value) for value in energy.values() if not isinstance(value, dict))
+        missing = "is missing in their balance: remedy: smaller load steps"
+        self._warn_of_part(time, missing, abs(energy["defect"]))
+        inertia, methods = self._problem.features.inertia, [one.method for one in self._problem.contacts]
         closed = any(contact["stick"] or contact["slip"] for contact in record["contacts"].values())
         self._parted = 0 if closed else self._parted + 1
-        there = max(abs(value) for value in energy.values() if not isinstance(value, dict))
-        made = -sum(energy.get("contacts", {}).values()) - energy["numerical"] if self._parted > PARTED else 0.0
-        part = made / max(there, np.finfo(float).tiny)
-        inertia, methods = self._problem.features.inertia, [one.method for one in self._problem.contacts]
+        if inertia is None or self._parted <= PARTED:
+            return
+        made = -sum(energy.get("contacts", {}).values()) - energy["numerical"]
         remedies = ["load steps that resolve the impact" + ("" if inertia.controls else " (step_error)")]
         if any(one.has_traction and one.theta != 1.0 for one in methods):
             remedies.append("theta = 1")
         remedies += ["smaller cells where bodies meet", *([] if inertia.damps else ['integrator = "hht"'])]
-        found = {
-            "is missing in their balance: remedy: smaller load steps": abs(energy["defect"]),
-            f"has come from nowhere, by contact and integrator: remedy: {', '.join(remedies)}": part,
-        }
-        for words, part in found.items():
-            if part > ENERGY_PART:
-                self._warn(words, "time %g: %.2g %% of the energy of the bodies %s", time, 100.0 * part, words)
+        words = f"has come from nowhere, by contact and integrator: remedy: {', '.join(remedies)}"
+        self._warn_of_part(time, words, made / max(there, np.finfo(float).tiny))
+
+    def _warn_of_part(self, time, words, part):
+        if part > ENERGY_PART:
+            self._warn(words, "time %g: %.2g %% of the energy of the bodies %s", time, 100.0 * part, words)
 
     def _warn_of_rounding(self, time, u):
         """Say once that a body is so stiff, and has moved so far, that rounding errors of its displacement show in the

@@ -8,6 +8,13 @@ from pcontact.runtime.errors import InputError
 from pcontact.view import extra
 
 
+def _require_directory(command, path):
+    """Refuse what is no directory, before what draws is looked for."""
+    if not Path(path).is_dir():
+        found = f"{path}, no {'' if Path(path).exists() else 'such '}directory"
+        raise InputError(f"command line: pcontact {command}: found {found}; allowed: the output directory of a run")
+
+
 def show(directory, options):
     """Draw the picture, page, animation or window that a command line asks for. Serial.
 
@@ -30,8 +37,7 @@ def show(directory, options):
         :func:`pcontact.view.picture.picture` raises.
     """
     values = read_all("view", VIEW, options)
-    if not Path(directory).is_dir() and Path(directory).suffix in (".toml", ".pvd", ".series", ".vtkhdf"):
-        raise InputError(f"command line: pcontact view: found {directory}; allowed: the output directory of a run")
+    _require_directory("view", directory)
     output, step, field = values.pop("o", None), values.pop("step", None), values.pop("field", None)
     suffix = Path(output).suffix.lower() if output else ""
     extra.require((*extra.MODULES, *(("trame_vtk",) if suffix in PAGES else ())))
@@ -98,6 +104,7 @@ def plot_history(operands, options):
     InputError
     """
     values = read_all("plot", PLOT, options)
+    _require_directory("plot", operands[0])
     extra.require(("matplotlib",))
     from pcontact.view.curves import plot
 

@@ -175,7 +175,7 @@ def test_options_of_the_command_line(solid_run):
 
 
 def test_a_scene_is_no_result(tmp_path):
-    with pytest.raises(InputError, match=r"found scene\.toml; allowed: the output directory of a run"):
+    with pytest.raises(InputError, match=r"found scene\.toml, no .*directory; allowed: the output directory of a run"):
         show("scene.toml", {})
 
 
