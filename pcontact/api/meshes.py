@@ -19,7 +19,7 @@ from pcontact.mesh.parts import KEPT
 from pcontact.mesh.plex import file_of
 from pcontact.mesh.raw import KINDS, LOWER, Block, FileMesh, RawMesh, Table, facet_vertices, facets_of_nodes
 from pcontact.mesh.read import read_file
-from pcontact.runtime.errors import InputError
+from pcontact.runtime.errors import InputError, call_in_messages
 from pcontact.runtime.parallel import together
 from pcontact.scene.model import MeshSpec
 
@@ -76,6 +76,7 @@ def own_folder() -> Path:
 
 def _written(source: Any, groups: Mapping[str, Any], facets: Mapping[str, Any]) -> Path:
     path = own_folder() / "mesh.msh"
+    call_in_messages(str(path), "the mesh in memory")
     if getattr(source, "__name__", "") == "gmsh" and not groups and not facets:
         source.option.setNumber("Mesh.MshFileVersion", 4.1)
         source.write(str(path))
@@ -89,6 +90,7 @@ def _written(source: Any, groups: Mapping[str, Any], facets: Mapping[str, Any]) 
         _write(path, file, groups, facets)
         return path
     path = comm.bcast(path)
+    call_in_messages(str(path), "the mesh in memory")
     path.touch()  # stands for what is in memory
     together(comm, lambda: _add(file, groups, facets) if file.tables else None)
     KEPT[path] = file

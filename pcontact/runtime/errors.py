@@ -15,6 +15,8 @@ _NAMES = 30  # more names than this do not help to find the right one
 CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f]")
 
 
+# files that stand for what a program has in memory -> what messages call them
+_IN_MEMORY: dict[str, str] = {}
 # what the command line has set in scenes: (file, key path without names) -> the option
 _SAID: dict[tuple[str, str], str] = {}
 _NAME = re.compile(r"(?<=\]) \(.*?\)(?=\.|$)")
@@ -30,6 +32,11 @@ class InputError(Exception):
     """
 
     status = 2
+
+    def __init__(self, message: str) -> None:
+        for path, name in _IN_MEMORY.items():
+            message = message.replace(path, name)
+        super().__init__(message)
 
 
 class OutputError(Exception):
@@ -96,6 +103,11 @@ class NotConverged(StepFailure):
 
 class Stopped(Exception):
     """An observer ends the run after a load step that has been committed and written."""
+
+
+def call_in_messages(path: str, name: str) -> None:
+    """Enter what messages call a file that stands for what a program has in memory."""
+    _IN_MEMORY[path] = name
 
 
 def set_elsewhere(file: str, options: Mapping[str, str]) -> None:

@@ -222,6 +222,10 @@ def test_what_is_no_scene_is_told_in_one_line():
     points, cells, _, _ = two_blocks()
     with pytest.raises(pc.InputError, match="facets 'far': found no facet"):
         pc.mesh_from((points, {"quad": cells}), facets={"far": lambda x: x[:, 1] > 9})
+    wrong = scene()
+    wrong.bodies[0].region = "no"
+    with pytest.raises(pc.InputError, match="found 'no', no such group in the mesh in memory, "):
+        pc.run(wrong)
 
 
 @pytest.mark.parallel
