@@ -13,7 +13,7 @@ import numpy as np
 import pcontact
 from pcontact import build
 from pcontact.assembly.phases import borne_by, equilibrium, extend
-from pcontact.io.checkpoint import ANYWAY, Checkpoint, Identity, checkpoint_time, keys_of, read_checkpoint, remembering
+from pcontact.io.checkpoint import ANYWAY, Checkpoint, Identity, checkpoint_time, read_checkpoint, remembering
 from pcontact.io.costs import CostReport, Counters
 from pcontact.io.error_estimate import ErrorEstimate, label
 from pcontact.io.names import STATUS, forces_of
@@ -91,19 +91,19 @@ class Kept(NamedTuple):
     @classmethod
     def of(cls, problem, u, time):
         """That of a problem at its committed displacement and time. *Collective.*"""
-        values = u.getArray(readonly=True).reshape(-1, problem.space.dim).copy()
+        values = problem.space.of_owned(u).copy()
         # that begins anew
         parts = [part for part in remembering(problem.parts) if part is not problem.features.release]
         memory = {part.name: part.memory() for part in parts}
         origins = {} if problem.features.release is None else problem.features.release.origins
-        return cls(values, memory, borne_by(problem, u, time), origins, keys_of(problem.space))
+        return cls(values, memory, borne_by(problem, u, time), origins, problem.space.keys)
 
     def moved(self, space):
         """The same on the nodes of another space, and flags (n_owned,) of those that it has beyond. *Collective.*"""
         tables = [np.ones((len(self.keys), 1)), self.values, self.borne, *self.origins.values()]
         there, values, borne, *origins = (carried(space, self.keys, table) for table in tables)
         origins = dict(zip(self.origins, origins, strict=True))
-        kept = self._replace(values=values, borne=borne, origins=origins, keys=keys_of(space))
+        kept = self._replace(values=values, borne=borne, origins=origins, keys=space.keys)
         return kept, there[:, 0] == 0.0
 
     def recall(self, problem):

@@ -284,7 +284,7 @@ class AverageCoupling:
             allowed = "a group that turns about all axes: of facets, or of nodes not in a line"
             raise input_error(where[0], f"{where[1]}.{key}", found, allowed)
         weights = self._average.forces(force, moment if d == 3 else float(moment[0])).ravel()
-        at, keys = np.flatnonzero(weights), space.mesh.file_nodes[space.mesh_nodes[space.owned_local]]
+        at, keys = np.flatnonzero(weights), space.keys
         parts = zip(*space.comm.allgather((keys[at // d], at + space.start * d, weights[at])), strict=True)
         order, components, values = (np.concatenate(one) for one in parts)
         # what follows the others is one of the first: the same on any ranks

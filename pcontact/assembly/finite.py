@@ -14,7 +14,7 @@ from pcontact.assembly.finite_kernels import (
     stored_energy,
 )
 from pcontact.assembly.geometry import chunks, hoop, keep, n_points, points_of
-from pcontact.assembly.graph import BlockRows, multiply, node_graph
+from pcontact.assembly.graph import BlockRows, Product, node_graph
 from pcontact.assembly.item import LAW
 from pcontact.assembly.matrix import OwnedRows, positions
 from pcontact.assembly.measures import deformation_fields, deformations, mean_gradients
@@ -147,8 +147,7 @@ class FiniteSolid(Bulk):
         rowptr, columns = node_graph([space.cells[number] for number in self.parts], space.n_local)
         owned = OwnedRows(space.numbering, space.exchanger, space.nodes, rowptr, columns)
         self._local, self._owned, self.rowptr, self.columns = (rowptr, columns), owned, owned.rowptr, owned.columns
-        nodes, self._column = np.unique(self.columns, return_inverse=True)
-        self._exchange = space.exchange(nodes)
+        self._product = Product(space, self.rowptr, self.columns)
         # displacement and forces of the last residual; the tangent of a prediction, until it is asked for again
         self._forget()
 
@@ -229,9 +228,7 @@ class FiniteSolid(Bulk):
             return
         # the tangent will be asked for once more, at the same place
         self._kept = base.getArray(readonly=True).copy(), self.tangent(base)
-        y = np.empty_like(out)
-        multiply(self.rowptr, self._column, self._kept[1], self._exchange.gather(way), y)
-        out += y
+        out += self._product(self._kept[1], way)
 
     # -- internal variables -----------------------------------------------------------------------------------------
 

@@ -183,6 +183,27 @@ def add_chosen_blocks(values, chosen, position, out):
                 out[p, a, b] += values[v, a, b]
 
 
+class Product:
+    """Products of block values on owned rows with vectors of a space. The constructor is *Collective*.
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    rowptr, columns : ndarray
+        Owned block rows; columns are global nodes.
+    """
+
+    def __init__(self, space, rowptr, columns):
+        nodes, self._column = np.unique(columns, return_inverse=True)
+        self._rowptr, self._exchange, self._shape = rowptr, space.exchange(nodes), (space.n_owned, space.dim)
+
+    def __call__(self, values, u, of=np.asarray):
+        """Product (n_owned, d) of values (nnz, d, d) and a vector; `of`: np.abs, of their sizes. *Collective.*"""
+        y = np.empty(self._shape)
+        multiply(self._rowptr, self._column, of(values), of(self._exchange.gather(u)), y)
+        return y
+
+
 @njit
 def multiply(rowptr, columns, values, x, y):
     """y = A x for a block pattern: values (nnz, d, d), x (n_columns, d), y (n_rows, d)."""

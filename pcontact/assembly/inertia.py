@@ -82,11 +82,11 @@ class Inertia(Item):
     def expected(self, u, time):
         """Where nodes are (n_owned, d) at a time with the velocity that they have [length]; accelerations of what
         touches jump from step to step, and say less than nothing of the next one."""
-        return self._values(u) + (time - self._since) * self.velocity
+        return self.space.of_owned(u) + (time - self._since) * self.velocity
 
     def detect(self, u, time, motion=0.0, ahead=None):
         """A step to a time begins at ``u``."""
-        self._size, self._begin = time - self._since, self._values(u).copy()
+        self._size, self._begin = time - self._since, self.space.of_owned(u).copy()
         self._goes_on = self._size > 0.0
 
     def error(self, u):
@@ -108,13 +108,10 @@ class Inertia(Item):
             self.velocity, self.acceleration = velocity, acceleration
         self._since, self._goes_on = time, False
 
-    def _values(self, u):
-        return u.getArray(readonly=True).reshape(-1, self.space.dim)
-
     def _motion(self, u):
         """Acceleration and velocity (n_owned, d) at the end of the step."""
         size, (first, last), (own, then) = self._size, self._weights.displacement, self._weights.velocity
-        way = self._values(u) - self._begin
+        way = self.space.of_owned(u) - self._begin
         acceleration = (way - size * self.velocity - size**2 * first * self.acceleration) / (size**2 * last)
         return acceleration, self.velocity + size * (own * self.acceleration + then * acceleration)
 
@@ -152,7 +149,7 @@ class Inertia(Item):
         if self._size == 0.0:
             return
         size, (first, last) = self._size, self._weights.displacement
-        way = np.abs(self._values(u)) + np.abs(self._begin) + size * np.abs(self.velocity)
+        way = np.abs(self.space.of_owned(u)) + np.abs(self._begin) + size * np.abs(self.velocity)
         way += size**2 * abs(first) * np.abs(self.acceleration)
         out += self.mass.magnitude(way / (size**2 * last))
 
@@ -234,7 +231,7 @@ class Inertia(Item):
         for k in range(len(STENCIL)):
             then = u.copy()
             problem.conditions.enter(then, time + k * size)
-            ways.append(self._values(then) - (ways[0] if ways else 0.0))
+            ways.append(self.space.of_owned(then) - (ways[0] if ways else 0.0))
             then.destroy()
         ways[0] = np.zeros_like(ways[0])
         first, second = np.tensordot(np.linalg.inv(np.vander(STENCIL, increasing=True))[1:3], ways, 1)
@@ -245,7 +242,7 @@ class Inertia(Item):
         *Collective.*"""
         vector = self.space.vector(motion)
         problem.conditions.follow(vector)
-        return motion - self._values(vector)
+        return motion - self.space.of_owned(vector)
 
     def _accelerated(self, problem, matrix, forces):
         """Accelerations (n_owned, d) by forces, overwritten, or velocities by impulses; 0 of what is prescribed.
@@ -253,7 +250,7 @@ class Inertia(Item):
         problem.conditions.condense(forces)
         left = matrix.solved(forces, MASS_RTOL, 10000)
         problem.conditions.follow(left)
-        return self._values(left).copy()
+        return self.space.of_owned(left).copy()
 
     def fields_of_nodes(self):
         """Velocity and acceleration."""
@@ -274,12 +271,12 @@ class Inertia(Item):
         if self._damping is None:
             return 0.0
         velocity = self._motion(u)[1]
-        return 0.5 * float(np.sum(self._drag(self.velocity + velocity) * (self._values(u) - self._begin)))
+        return 0.5 * float(np.sum(self._drag(self.velocity + velocity) * (self.space.of_owned(u) - self._begin)))
 
     def report(self, u):
         """Momentum, and moment of momentum about the origin. *Collective.*"""
         space, momentum = self.space, self.mass.times(self.velocity)
-        places = space.points[space.owned_local] + self._values(u)
+        places = space.points[space.owned_local] + self.space.of_owned(u)
         about = np.atleast_1d(moments(places, momentum))
         sums = space.comm.allreduce(np.concatenate([momentum.sum(axis=0), about]), op=MPI.SUM)
         d = space.dim
@@ -292,7 +289,7 @@ class Inertia(Item):
 
     def memory_keys(self):
         """Numbers (n_owned,) of the owned nodes."""
-        return self.space.mesh.file_nodes[self.space.mesh_nodes[self.space.owned_local]]
+        return self.space.keys
 
     def memory(self):
         """Velocity, acceleration and force."""
@@ -381,7 +378,7 @@ class Snap(Inertia):
 
     def detect(self, u, time, motion=0.0, ahead=None):
         """A step of the motion, or a load step, begins at ``u``."""
-        self._size, self._begin, self._goes_on = self._step, self._values(u).copy(), self.moves
+        self._size, self._begin, self._goes_on = self._step, self.space.of_owned(u).copy(), self.moves
         if self.moves:
             self._stresses, self._energy = self._held(u)
 
@@ -395,7 +392,7 @@ class Snap(Inertia):
         """Count what the step has taken: what others have done on the bodies and these do not hold. *Collective.*"""
         if not self._goes_on:
             return
-        before, way = self.force, self._values(u) - self._begin
+        before, way = self.force, self.space.of_owned(u) - self._begin
         super().commit(u, time)
         stresses, energy = self._held(u)
         done = 0.5 * self._work(before + self.force + self._stresses + stresses, way)

@@ -3,7 +3,7 @@ points of rigid groups."""
 
 import numpy as np
 
-from pcontact.assembly.graph import multiply, node_graph
+from pcontact.assembly.graph import Product, node_graph
 from pcontact.assembly.matrix import JoinedPattern, OwnedRows
 from pcontact.assembly.patches import cell_patches
 
@@ -52,8 +52,7 @@ class Mass:
         owned = OwnedRows(space.numbering, space.exchanger, space.nodes, rowptr, columns)
         self._rows = owned.rowptr, owned.columns
         self.values = self._cells = owned.sum(local[:, None, None]) * np.eye(space.dim)
-        nodes, self._column = np.unique(owned.columns, return_inverse=True)
-        self._exchange, self._vector = space.exchange(nodes), space.vector()
+        self._product, self._vector = Product(space, *self._rows), space.vector()
         self.rowptr, self.columns = self._rows
         if points:
             leading = [self._leading(*one) for one in points]
@@ -96,9 +95,7 @@ class Mass:
         """Product (n_owned, d) with the values (n_owned, d) of nodes; `matrix`: of other blocks (nnz, d, d) than those
         of the mass. *Collective.*"""
         self._vector.setArray(values.ravel())
-        out = np.empty_like(values)
-        multiply(self._rows[0], self._column, self._cells if matrix is None else matrix,
-                 self._exchange.gather(self._vector), out)  # fmt: skip
+        out = self._product(self._cells if matrix is None else matrix, self._vector)
         for group, masses in self._points if matrix is None else ():
             group.weigh(masses, values, out)
         return out

@@ -9,7 +9,7 @@ import numpy as np
 
 from pcontact.assembly.item import LAW, Item
 from pcontact.assembly.matrix import GlobalMatrix
-from pcontact.runtime.parallel import take_rows
+from pcontact.runtime.parallel import kept_rows, take_rows
 
 # tables of a checkpoint, and attributes
 TABLES = ("forces", "drawn", "offset")
@@ -81,7 +81,7 @@ class Release(Item):
         borne : ndarray (n_owned, d)
             At the end of the phase before, see :func:`borne_by` [force].
         """
-        moved = u.getArray(readonly=True).reshape(self.forces.shape)
+        moved = self.space.of_owned(u)
         prescribed = problem.conditions.supports.values(self._span[0])[self.space.owned_local]
         self.offset = np.where(problem.conditions.fixed, moved - prescribed, 0.0)
         gap, kept = equilibrium(problem, u, self._span[0]) - borne, borne.copy()
@@ -147,14 +147,13 @@ class Release(Item):
 
     def memory_keys(self):
         """Numbers (n_owned,) of the owned nodes."""
-        return self.space.mesh.file_nodes[self.space.mesh_nodes[self.space.owned_local]]
+        return self.space.keys
 
     def memory(self):
         """Forces, how far supports have been moved before they began, and where bodies have begun."""
         tables = {name: getattr(self, name) for name in TABLES}
         tables |= {f"origin {number}": values for number, values in self.origins.items()}
-        keys, rows = self.memory_keys(), {name: np.flatnonzero(table.any(axis=1)) for name, table in tables.items()}
-        return {name: (keys[rows[name]], table[rows[name]]) for name, table in tables.items()}
+        return {name: kept_rows(self.memory_keys(), table) for name, table in tables.items()}
 
     def recall(self, name, chunks):
         """See :meth:`pcontact.assembly.item.Item.recall`."""
@@ -221,7 +220,7 @@ def _solved(space, bulk, fixed, forces):
     whole.matrix.assemble()
     # bodies that nothing draws have a zero right-hand side: these iterations leave them where they are
     solution = whole.solved(forces, SMALL, MOST)
-    result = solution.getArray(readonly=True).reshape(forces.shape).copy()
+    result = space.of_owned(solution).copy()
     for one in (solution, whole.matrix):
         one.destroy()
     return result

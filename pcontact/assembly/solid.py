@@ -10,7 +10,7 @@ import numpy as np
 
 from pcontact.assembly import strains
 from pcontact.assembly.geometry import chunks, hoop, keep, n_points, points_of
-from pcontact.assembly.graph import BlockRows, find, multiply, node_graph
+from pcontact.assembly.graph import BlockRows, Product, find, multiply, node_graph
 from pcontact.assembly.item import LAW, Item
 from pcontact.assembly.matrix import OwnedRows, positions
 from pcontact.assembly.measures import distortions
@@ -18,7 +18,7 @@ from pcontact.assembly.strains import add_forces, add_means, cell_points
 from pcontact.element.dilatation import linear, squares
 from pcontact.material.elastic import FLOWS, Moment
 from pcontact.runtime.jit import njit
-from pcontact.runtime.parallel import take_rows
+from pcontact.runtime.parallel import kept_rows, take_rows
 from pcontact.runtime.petsc import MPI
 
 # Quadrature points of a cell, at most: cells times it are keys of checkpoints.
@@ -203,8 +203,7 @@ class Bulk(Item):
         """
         tables = {}
         for number, state in self.states_of_blocks.items():
-            rows = np.flatnonzero(state.table.any(axis=1))
-            tables[str(number)] = self.space.mesh.blocks[number].ids[rows], state.table[rows]
+            tables[str(number)] = kept_rows(self.space.mesh.blocks[number].ids, state.table)
         return tables
 
     def memory_keys(self):
@@ -447,8 +446,7 @@ class Solid(Bulk):
         owned = OwnedRows(space.numbering, space.exchanger, space.nodes, rowptr, columns)
         self.rowptr, self.columns = owned.rowptr, owned.columns
         self.values = owned.sum(local)
-        nodes, self._column = np.unique(self.columns, return_inverse=True)
-        self._exchange = space.exchange(nodes)
+        self._product = Product(space, self.rowptr, self.columns)
         self.states, self._time, self.step = {}, 0.0, 0.0
         if self.yields:
             self._add_states()
@@ -537,8 +535,7 @@ class Solid(Bulk):
     def elastic_forces(self, u, out):
         """Add the forces of linear elasticity on the owned nodes, without heat, to ``out`` (n_owned, d).
         *Collective.*"""
-        y = np.empty_like(out)
-        multiply(self.rowptr, self._column, self.values, self._exchange.gather(u), y)
+        y = self._product(self.values, u)
         out += y if self._free_forces is None else y - self._free_forces
 
     def residual(self, u, out, rule=LAW):
@@ -558,8 +555,7 @@ class Solid(Bulk):
 
     def add_magnitude(self, u, out):
         """Add the sum of the absolute terms of :meth:`residual` to ``out`` (n_owned, d). *Collective.*"""
-        y = np.empty_like(out)
-        multiply(self.rowptr, self._column, np.abs(self.values), np.abs(self._exchange.gather(u)), y)
+        y = self._product(self.values, u, np.abs)
         out += y if self._free_forces is None else y + np.abs(self._free_forces)
         if self.yields:
             out += self._excess_forces(u, True)
@@ -606,14 +602,12 @@ class Solid(Bulk):
     def energies(self, u):
         """See :meth:`Bulk.energies`: half of (u - u0) K (u - u0), what laws say of their excess,
         and, of heated bodies, 1/2 (eps - alpha dT) C (eps - alpha dT). *Collective.*"""
-        forces, own = np.zeros((self.space.n_owned, self.space.dim)), np.zeros(3)
-        values = u.getArray(readonly=True).reshape(forces.shape)
-        multiply(self.rowptr, self._column, self.values, self._exchange.gather(u), forces)
+        forces, own = self._product(self.values, u), np.zeros(3)
         if self._free_forces is not None:
             forces -= 2.0 * self._free_forces
         if self.heat is not None:
             forces -= 2.0 * self.heat.forces
-        own[0] = 0.5 * np.sum(forces * values)
+        own[0] = 0.5 * np.sum(forces * self.space.of_owned(u))
         for state, rows, points, jxw, moved, found in self._responses(u):
             strain, _ = state.at(rows, points, moved)
             own[1:] += [np.sum(jxw.ravel() * part)

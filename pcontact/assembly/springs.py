@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pcontact.assembly.graph import multiply, node_graph
+from pcontact.assembly.graph import Product, node_graph
 from pcontact.assembly.item import LAW, Item
 from pcontact.assembly.loads import across
 from pcontact.assembly.matrix import OwnedRows
@@ -42,29 +42,23 @@ class LinearForces(Item):
         self._local = nodes, rowptr, columns, values
         owned = OwnedRows(space.numbering, space.exchanger, space.nodes[nodes], rowptr, columns)
         self._rowptr, self._columns, self._values = owned.rowptr, owned.columns, owned.sum(values)
-        needed, self._column = np.unique(self._columns, return_inverse=True)
-        self._exchange = space.exchange(needed)
+        self._product = Product(space, self._rowptr, self._columns)
 
     def pattern(self):
         """Owned block rows: rowptr (n_owned + 1,), columns (nnz,)."""
         return self._rowptr, self._columns
 
-    def _product(self, values, u):
-        y = np.empty((self.space.n_owned, self.space.dim))
-        multiply(self._rowptr, self._column, values, u, y)
-        return self._factor * y
-
     def residual(self, u, out, rule=LAW):
         """Add the forces of the owned nodes to ``out`` (n_owned, d). *Collective.*"""
-        out += self._product(self._values, self._exchange.gather(u))
+        out += self._factor * self._product(self._values, u)
 
     def external(self, u, out):
         """Add the forces on the bodies to ``out`` (n_owned, d) [force]. *Collective.*"""
-        out -= self._product(self._values, self._exchange.gather(u))
+        out -= self._factor * self._product(self._values, u)
 
     def add_magnitude(self, u, out):
         """Add the sum of the absolute terms of :meth:`residual` to ``out`` (n_owned, d). *Collective.*"""
-        out += np.abs(self._product(np.abs(self._values), np.abs(self._exchange.gather(u))))
+        out += np.abs(self._factor * self._product(self._values, u, np.abs))
 
     def tangent(self, u, rule=LAW):
         """Values (nnz, d, d) on :meth:`pattern`."""

@@ -48,7 +48,7 @@ class ViscousStabilisation(Item):
 
     def detect(self, u, time, motion=0.0, ahead=None):
         """The load step begins at ``u``. *Collective.*"""
-        self._begin, self._stresses[:] = self._values(u).copy(), 0.0
+        self._begin, self._stresses[:] = self.space.of_owned(u).copy(), 0.0
         self._bulk.residual(u, self._stresses)
         self._rate = self._eta / (time - self._since) if time > self._since else 0.0
 
@@ -56,11 +56,8 @@ class ViscousStabilisation(Item):
         """The next load step begins at ``time``."""
         self._since = time
 
-    def _values(self, u):
-        return u.getArray(readonly=True).reshape(-1, self.space.dim)
-
     def _forces(self, u):
-        return self._rate * self._volume[:, None] * (self._values(u) - self._begin)
+        return self._rate * self._volume[:, None] * (self.space.of_owned(u) - self._begin)
 
     def pattern(self):
         """The diagonal."""
@@ -77,7 +74,7 @@ class ViscousStabilisation(Item):
 
     def add_magnitude(self, u, out):
         """Add the magnitudes of the forces to ``out`` (n_owned, d)."""
-        out += self._rate * self._volume[:, None] * (np.abs(self._values(u)) + np.abs(self._begin))
+        out += self._rate * self._volume[:, None] * (np.abs(self.space.of_owned(u)) + np.abs(self._begin))
 
     def tangent(self, u, rule=LAW):
         """Values (n_owned, d, d) on the diagonal."""
@@ -86,7 +83,7 @@ class ViscousStabilisation(Item):
     def report(self, u):
         """Add the works of the load step that has been committed at ``u`` to the sums: what the dashpots have taken up
         so far, and that over what the stresses have done. *Collective.*"""
-        moved, stresses = self._values(u) - self._begin, np.zeros_like(self._stresses)
+        moved, stresses = self.space.of_owned(u) - self._begin, np.zeros_like(self._stresses)
         self._bulk.residual(u, stresses)
         own = np.array([np.sum(self._forces(u) * moved), 0.5 * np.sum((self._stresses + stresses) * moved)])
         taken, stressed = self.space.comm.allreduce(own, op=MPI.SUM)

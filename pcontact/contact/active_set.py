@@ -479,7 +479,7 @@ def _motions(pair, u, values, time):
     source to target [length]. *Collective.*"""
     p, space, source, n_bodies = pair.pairing, pair.space, pair.source, pair.space.mesh.n_components
     own, other = components_of(space, p, source)
-    moved, where = u.getArray(readonly=True).reshape(-1, space.dim), space.component[space.owned_local]
+    moved, where = space.of_owned(u), space.component[space.owned_local]
     sums = [np.bincount(where, column, minlength=n_bodies) for column in (*moved.T, np.ones(len(moved)))]
     sums = space.comm.allreduce(np.array(sums), op=MPI.SUM)
     mean = (sums[:-1] / np.maximum(sums[-1], 1.0)).T

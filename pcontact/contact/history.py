@@ -3,7 +3,7 @@
 import numpy as np
 
 from pcontact.contact.law import OPEN, SLIP
-from pcontact.runtime.parallel import take_rows
+from pcontact.runtime.parallel import kept_rows, take_rows
 from pcontact.runtime.petsc import MPI
 
 # of the table of slip and wear in a checkpoint
@@ -63,8 +63,7 @@ class PointHistory:
         keys, rows, law = self.memory_keys(), np.flatnonzero(self.closed), self._law
         status = {} if law.tied else {"status": (keys[rows], self.committed[rows, None].astype(float))}
         if law.slows and law.speed is not None:
-            fast = np.flatnonzero(law.speed)
-            status["speed"] = keys[fast], law.speed[fast, None]
+            status["speed"] = kept_rows(keys, law.speed[:, None])
         path = {} if self.path is None else self.path.memory(keys)
         return {**status, **path, **self._terms.memory(keys)}
 
@@ -143,8 +142,7 @@ class SlipPath:
 
     def memory(self, keys):
         """The table for a checkpoint, see `pcontact.assembly.item.Item.memory`."""
-        rows = np.flatnonzero(self.table.any(axis=1))
-        return {PATH: (keys[rows], self.table[rows])}
+        return {PATH: kept_rows(keys, self.table)}
 
     def recall(self, keys, chunks):
         """Take it back, see `pcontact.assembly.item.Item.recall`."""

@@ -81,7 +81,7 @@ class NodeDepths:
         length = np.linalg.norm(normal, axis=1)
         owned = np.flatnonzero(length > 0.0)
         x = space.points[space.owned_local[owned]]
-        moved = u.getArray(readonly=True).reshape(-1, space.dim)[owned]
+        moved = space.of_owned(u)[owned]
         query = QueryPoints((x - pair.search.origin) + moved, normal[owned] / length[owned, None], pair.radius)
         found = find_partners(space, surface, space.local.gather(u), query, "closest_point", pair.search.origin)
         return deepest(np.where(found.paired, -found.gap, 0.0), x, space.comm)

@@ -45,11 +45,6 @@ def remembering(items):
     return [item for item in items if item.memory_keys() is not None]
 
 
-def keys_of(space):
-    """Numbers of the owned nodes that do not depend on the ranks."""
-    return space.mesh.file_nodes[space.mesh_nodes[space.owned_local]]
-
-
 class Checkpoint(Observer):
     """Writes the state of a run after a load step. An observer.
 
@@ -110,7 +105,7 @@ class Checkpoint(Observer):
     def _tables(self, u, before):
         """Place in the file, attributes, keys (n,) and values (n, m) of every table."""
         for name, vector in zip(DISPLACEMENTS, (u, before), strict=True):
-            yield name, {}, keys_of(self._space), vector.getArray(readonly=True).reshape(-1, self._space.dim)
+            yield name, {}, self._space.keys, self._space.of_owned(vector)
         number = count()
         for item in self._items:
             for name, (keys, values) in item.memory().items():
@@ -416,7 +411,7 @@ def _compare(path, identity, then, time, anyway):
 def _nodal(path, table, space):
     """Values (n_owned, d) of the owned nodes."""
     values = np.zeros((space.n_owned, space.dim))
-    found, rows = take_rows(keys_of(space), _chunks(table), values), len(table["key"])
+    found, rows = take_rows(space.keys, _chunks(table), values), len(table["key"])
     if found < len(values) or rows != space.numbering.n_total:
         raise InputError(
             f"{path}: {table.name[1:]}: found {rows} rows, and none for {len(values) - found} nodes; "

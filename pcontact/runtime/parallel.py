@@ -458,6 +458,12 @@ def rows_of(keys, wanted):
     return np.where(keys[rows] == wanted, rows, -1)
 
 
+def kept_rows(keys, table):
+    """Keys and rows of a table (n, m) that are not zero, from which :func:`take_rows` makes it again."""
+    rows = np.flatnonzero(table.any(axis=1))
+    return keys[rows], table[rows]
+
+
 def take_rows(keys, chunks, out):
     """Fill a table with the rows of other ranks' tables that belong here; those that nobody has become zero.
 

@@ -147,7 +147,7 @@ def near_null_space(space, colours, u=None, followers=None):
     """
     own = space.owned_local
     component = space.component[own]
-    modes = body_modes(space, own, 0.0 if u is None else u.getArray(readonly=True).reshape(-1, space.dim))
+    modes = body_modes(space, own, 0.0 if u is None else space.of_owned(u))
     if followers is not None:
         modes *= ~followers
     vectors = []

@@ -175,6 +175,11 @@ class Space:
         return (owners(mesh.comm, mesh.file_nodes[self.mesh_nodes], mesh.n_nodes_total),)
 
     @property
+    def keys(self):
+        """Numbers (n_owned,) of the owned nodes in the mesh file: they do not depend on the ranks."""
+        return self.mesh.file_nodes[self.mesh_nodes[self.owned_local]]
+
+    @property
     def n_local(self):
         """Number of nodes of this rank's cells."""
         return len(self.mesh_nodes)
@@ -230,6 +235,10 @@ class Space:
             vector.setArray(np.ravel(values))
         return vector
 
+    def of_owned(self, vector):
+        """Values (n_owned, d) that a vector has at the owned nodes, which are not to be written to."""
+        return vector.getArray(readonly=True).reshape(-1, self.dim)
+
     def longest(self, values):
         """Length of the longest of the vectors (n_owned, d) of all owned nodes; no axis counts more. *Collective.*"""
         own = np.max(np.linalg.norm(values, axis=1), initial=0.0)
@@ -252,7 +261,7 @@ class Space:
         """Values (n, d) of the nodes of a plan, of all ranks, summed at the owned nodes (n_owned, d). *Collective.*"""
         total = self.vector()
         plan.add(values, total)
-        result = total.getArray(readonly=True).reshape(-1, self.dim).copy()
+        result = self.of_owned(total).copy()
         # let go of alone, it would stay until the end of the load step
         total.destroy()
         return result
@@ -317,7 +326,7 @@ def carried(space, keys, values):
         Zero at nodes of which no rank has a value.
     """
     size, total = space.comm.size, max(space.mesh.n_nodes_total, 1)
-    own = space.mesh.file_nodes[space.mesh_nodes[space.owned_local]]
+    own = space.keys
     bits = np.ascontiguousarray(values, dtype=np.float64).view(np.int64)
     known, found = space.exchanger.look_up((keys * size // total, keys), bits, (own * size // total, own))
     return np.where(known[:, None], np.ascontiguousarray(found).view(np.float64), 0.0)

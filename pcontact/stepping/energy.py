@@ -22,7 +22,7 @@ import numpy as np
 
 from pcontact.assembly.viscous import Sum
 from pcontact.runtime import profile
-from pcontact.runtime.parallel import take_rows
+from pcontact.runtime.parallel import kept_rows, take_rows
 from pcontact.runtime.petsc import MPI
 
 # prefix of names in a checkpoint
@@ -108,9 +108,8 @@ class EnergyBalance:
         ndarray (n_owned, d)
             Internal plus contact minus external forces, see :meth:`pcontact.solve.problem.Problem.unbalanced`.
         """
-        problem, shape = self._problem, self._last["loads"].shape
-        forces = self._forces(u)
-        values, start = (x.getArray(readonly=True).reshape(shape) for x in (u, before))
+        problem, forces = self._problem, self._forces(u)
+        values, start = map(problem.space.of_owned, (u, before))
         moved, own = values - start, dict.fromkeys(self.sums, 0.0)
 
         def work(name, motion):
@@ -238,14 +237,11 @@ class EnergyBalance:
 
     def memory_keys(self):
         """Numbers (n_owned,) of the owned nodes."""
-        space = self._problem.space
-        return space.mesh.file_nodes[space.mesh_nodes[space.owned_local]]
+        return self._problem.space.keys
 
     def memory(self):
         """Forces at the end of the last load step."""
-        keys = self.memory_keys()
-        rows = {name: np.flatnonzero(force.any(axis=1)) for name, force in self._last.items()}
-        return {name: (keys[rows[name]], force[rows[name]]) for name, force in self._last.items()}
+        return {name: kept_rows(self.memory_keys(), force) for name, force in self._last.items()}
 
     def recall(self, name, chunks):
         """See :meth:`pcontact.assembly.item.Item.recall`."""

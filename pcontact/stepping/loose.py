@@ -126,7 +126,7 @@ class LooseBodies:
         problem, space = self.problem, self.problem.space
         applied, residual = problem.forces.by_component(u), space.vector()
         problem.residual(u, residual)
-        forces = residual.getArray(readonly=True).reshape(-1, space.dim)
+        forces = space.of_owned(residual)
         # a norm of the residual is this much in the sum of its magnitudes; that of all bodies says nothing of one that
         # bears less than the others leave open
         rounding = ROUNDINGS * problem.forces.roundoff_of(u)

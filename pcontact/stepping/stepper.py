@@ -325,7 +325,7 @@ class Stepper:
         """Return True if a motion, beside what is imposed [length], is that of bodies that jump and do not go on so.
         *Collective.*"""
         space = self.problem.space
-        longest = space.longest(way.getArray(readonly=True).reshape(-1, space.dim))
+        longest = space.longest(space.of_owned(way))
         return longest - imposed > JUMP * min((item.radius for item in self.problem.others), default=np.inf)
 
     def _check_motion(self, result, before):

@@ -78,7 +78,7 @@ import numpy as np
 
 from pcontact.contact.formulation.small import Acting, local_means
 from pcontact.contact.law import OPEN
-from pcontact.runtime.parallel import take_rows
+from pcontact.runtime.parallel import kept_rows, take_rows
 from pcontact.runtime.petsc import MPI
 
 # by theta. theta = -1 is coercive for any value; below 1 multigrid fails for quadratic hexahedra
@@ -367,8 +367,7 @@ class AugmentedLagrangian(Penalty):
 
     def memory(self, keys):
         """See :meth:`Method.memory`."""
-        rows = np.flatnonzero(self._kept.any(axis=1))
-        return {"multiplier": (keys[rows], self._kept[rows])}
+        return {"multiplier": kept_rows(keys, self._kept)}
 
     def recall(self, name, keys, chunks):
         """See :meth:`Method.recall`."""

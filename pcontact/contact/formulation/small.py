@@ -37,7 +37,7 @@ from pcontact.contact.formulation.small_kernels import add_residual, add_tangent
 from pcontact.contact.law import OPEN, SLIP, STICK
 from pcontact.contact.points import TractionOperator
 from pcontact.runtime.jit import njit_inner
-from pcontact.runtime.parallel import take_rows
+from pcontact.runtime.parallel import kept_rows, take_rows
 
 
 @njit_inner
@@ -197,8 +197,7 @@ class Terms:
         """Tables for a checkpoint, see `pcontact.assembly.item.Item.memory`."""
         if not self._lags:
             return self.method.memory(keys)
-        rows = np.flatnonzero(self._lag.any(axis=1))
-        return {"lag": (keys[rows], self._lag[rows]), **self.method.memory(keys)}
+        return {"lag": kept_rows(keys, self._lag), **self.method.memory(keys)}
 
     def recall(self, name, keys, chunks):
         """Take a table back, see `pcontact.assembly.item.Item.recall`."""
