@@ -211,14 +211,6 @@ class Heat:
             together(self.space.comm, trace.take, self)
         return trace
 
-    def facets(self, name):
-        """Block, rows of the cells and first number of the facets of a group whose cells are heated."""
-        first = 0
-        for facets in self.space.mesh.facet_groups.get(name, []):
-            if self.heated(facets.block):
-                yield facets.block, facets.cells, first
-            first += len(facets.cells)
-
     def on_cells(self, number, rows, cells, points):
         """C : alpha dT (n, m, k) at points (n, m, d) of cells, of which ``cells`` (n,) says the place in ``rows``."""
         space, block = self.space, self.space.mesh.blocks[number]
@@ -254,10 +246,12 @@ class HeatTrace:
         self.values, self.parts = np.zeros_like(source.normal), []
         # facets without a shear modulus take part without their traction
         speaks = source.mu[source.facet] > 0.0
-        for number, rows, first in heat.facets(name):
-            points = np.flatnonzero((source.facet >= first) & (source.facet < first + len(rows)) & speaks)
+        for facets, which in heat.space.mesh.facets_of(name):
+            if not heat.heated(facets.block):
+                continue
+            points = np.flatnonzero((source.facet >= which.start) & (source.facet < which.stop) & speaks)
             onto, x = traction_matrix(source.normal[points]), source.x[points][:, None]
-            self.parts.append((number, rows, points, source.facet[points] - first, x, onto))
+            self.parts.append((facets.block, facets.cells, points, source.facet[points] - which.start, x, onto))
 
     def tractions(self, traction):
         """Minus the traction of the thermal stress (np, d) at the points of the source [stress]."""

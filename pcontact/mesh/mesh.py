@@ -155,6 +155,13 @@ class Mesh:
         """ndarray (n_blocks + 1,) : row of the first cell of every block, all of them one after the other."""
         return np.cumsum([0] + [len(block.nodes) for block in self.blocks])
 
+    def facets_of(self, name):
+        """Facets of a group, by block and kind, and which of them they are (a slice): all are one after the other."""
+        first = 0
+        for facets in self.facet_groups.get(name, []):
+            yield facets, slice(first, first + len(facets.cells))
+            first += len(facets.cells)
+
     def of_cells(self, name):
         """Return what blocks know of their cells (n_cells,), by its name: numbers, bodies, components."""
         parts = [np.broadcast_to(getattr(block, name), len(block.nodes)) for block in self.blocks]

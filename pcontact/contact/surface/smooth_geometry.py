@@ -28,6 +28,7 @@ these heights and slopes at vertices and middles: the leading error of the inter
 import numpy as np
 
 from pcontact.contact.law import OPEN
+from pcontact.contact.surface.facet_maps import padded
 from pcontact.contact.surface.sides import FACETS, neighbours
 from pcontact.contact.surface.vertex_normals import (
     EDGE,
@@ -156,17 +157,15 @@ class SmoothSurface:
     def at_source(self, space, name, source):
         """The same (np, d) at the quadrature points of a source surface on the group of this name."""
         weights = np.zeros((len(source.facet), self.normals.shape[1]))
-        first = 0
-        for facets in space.mesh.facet_groups.get(name, []):
+        for facets, which in space.mesh.facets_of(name):
             cell = space.mesh.blocks[facets.block].cell
-            points = np.flatnonzero((source.facet >= first) & (source.facet < first + len(facets.cells)))
-            local = facets.local[source.facet[points] - first]
+            points = np.flatnonzero((source.facet >= which.start) & (source.facet < which.stop))
+            local = facets.local[source.facet[points] - which.start]
             # shape functions of the cell reproduce its linear ones
             linear = shape(cell, 1, reference_nodes(cell, space.degree))
             values = source.shape[points, : n_nodes(cell, space.degree)] @ linear
             values = np.take_along_axis(values, facet_nodes(facets.cell, 1)[local], axis=1)
             weights[points, : values.shape[1]] = values
-            first += len(facets.cells)
         return self.offset(source.facet, weights)
 
 
@@ -239,8 +238,7 @@ def _own_facets(space, name):
         block = mesh.blocks[facets.block]
         nodes = block.nodes[facets.cells[:, None], facet_nodes(facets.cell, 1)[facets.local]]
         count = np.full(len(nodes), nodes.shape[1])
-        nodes = np.concatenate([nodes, np.repeat(nodes[:, :1], m - nodes.shape[1], axis=1)], axis=1)
-        parts.append((block.ids[facets.cells] * FACETS + facets.local, count, nodes))
+        parts.append((block.ids[facets.cells] * FACETS + facets.local, count, padded(nodes, m)))
     ids, count, nodes = (np.concatenate(columns).astype(np.int64) for columns in zip(*parts, strict=True))
     return Facets(ids, count, space.nodes[space.of_mesh[nodes]], mesh.points[nodes])
 

@@ -201,10 +201,8 @@ class FiniteTraction:
 
     def __init__(self, space, bulk, source, name):
         self.source, self._space, self._bulk, self._name = source, space, bulk, name
-        self._parts, first, self._finite = [], 0, np.zeros(len(source.cells), dtype=bool)
-        for facets in space.mesh.facet_groups.get(name, []):
-            which = slice(first, first + len(facets.cells))
-            first = which.stop
+        self._parts, self._finite = [], np.zeros(len(source.cells), dtype=bool)
+        for facets, which in space.mesh.facets_of(name):
             if facets.block in bulk.parts:
                 self._parts.append(self._part(facets, which))
                 self._finite[which] = True
@@ -359,14 +357,13 @@ class FiniteTarget(TargetTraction):
         self.is_linear = self.symmetric = False
         self._behind = FiniteTraction(space, self._bulk, self._side, self._name)
         # nodes on the facets, and others of their cells
-        counts, first = np.zeros((len(self._side.cells), 2), dtype=np.int64), 0
+        counts = np.zeros((len(self._side.cells), 2), dtype=np.int64)
         self._middles = np.zeros((len(counts), space.dim - 1))
-        for facets in self._groups:
-            on, last = facet_nodes(facets.cell, space.degree), first + len(facets.cells)
-            counts[first:last, 0] = np.array([len(nodes) for nodes in on], dtype=np.int64)[facets.local]
-            self._middles[first:last] = 1.0 / 3.0 if facets.kind == "triangle" else 0.0
-            counts[first:last, 1] = len(space.cells[facets.block][0]) if last > first else 0
-            first = last
+        for facets, which in space.mesh.facets_of(self._name):
+            on = facet_nodes(facets.cell, space.degree)
+            counts[which, 0] = np.array([len(nodes) for nodes in on], dtype=np.int64)[facets.local]
+            self._middles[which] = 1.0 / 3.0 if facets.kind == "triangle" else 0.0
+            counts[which, 1] = space.cells[facets.block].shape[1]
         counts[:, 1] -= counts[:, 0]
         self._counts = counts
         self._widths = [space.comm.allreduce(int(k), op=MPI.MAX) for k in counts.max(axis=0, initial=0)]

@@ -327,14 +327,6 @@ def facet_points(source, which, cell, degree, rule):
     return FacetPoints(points, source.facet[points] - which.start, extrapolation(cell, degree, rule, xi))
 
 
-def _blocks(space, source, name):
-    """Facets of a group by block of their cells, and which facets of its source they are."""
-    first = 0
-    for facets in space.mesh.facet_groups.get(name, []):
-        yield facets, slice(first, first + len(facets.cells))
-        first += len(facets.cells)
-
-
 class _LinearRows:
     """Derivative of the traction of C_dev at the points of a source.
 
@@ -349,7 +341,7 @@ class _LinearRows:
     def __init__(self, space, bulk, source, name):
         self.at, found, count = np.full(len(source.facet), -1, dtype=np.int64), [], 0
         ring = hoop_operator(source.shape, source.x[:, 0]) if source.axisymmetric else None
-        for facets, which in _blocks(space, source, name):
+        for facets, which in space.mesh.facets_of(name):
             law, some = bulk.orthotropic.get(space.mesh.blocks[facets.block].body), _speaking(source, which)
             if law is None or not len(some):
                 continue
@@ -398,7 +390,7 @@ class _Excess:
 
     def __init__(self, space, bulk, source, name):
         self._source, self._bulk, self.parts = source, bulk, []
-        for facets, which in _blocks(space, source, name):
+        for facets, which in space.mesh.facets_of(name):
             if facets.block not in bulk.states:
                 continue
             used, on = np.unique(source.facet[_speaking(source, which)], return_inverse=True)
@@ -503,7 +495,7 @@ class _Begun:
         self._bulk, self._of, self._values = bulk, None, None
         # block of each facet, -1 of those that are there from the beginning
         self._block = np.full(len(source.cells), -1, dtype=np.int64)
-        for facets, which in _blocks(space, source, name):
+        for facets, which in space.mesh.facets_of(name):
             if facets.block in bulk.added:
                 self._block[which] = facets.block
         self.parts = np.flatnonzero(self._block >= 0)
@@ -774,7 +766,6 @@ class TargetTraction:
         self._half = WEIGHT if is_unbiased(contact) else 1.0
         # gap up to which partners have a part in the traction [facet sizes]
         self._reach = np.inf if contact.tied else NEAR
-        self._groups = space.mesh.facet_groups.get(self._name, [])
         self._side = source_surface(space, self._name, bulk.constants, 1, bulk.orthotropic, self.sticks)
         self._width = space.comm.allreduce(self._side.cells.shape[1], op=MPI.MAX)
         self._stiff = np.where(self._is_rigid(self._side.cells), np.inf, self._side.trace)
@@ -846,16 +837,15 @@ class TargetTraction:
         space, side, d, n = self._space, self._side, self._space.dim, len(rows)
         x, normal, shape = np.empty((n, d)), np.empty((n, d)), np.zeros((n, side.cells.shape[1]))
         slope, grad = np.zeros((2, *shape.shape, d))
-        order, first = np.tile(np.arange(shape.shape[1]), (n, 1)), 0
-        for facets in self._groups:
-            c = np.flatnonzero((rows >= first) & (rows < first + len(facets.cells)))
-            on, local = facet_nodes(facets.cell, space.degree), facets.local[rows[c] - first]
-            x[c], normal[c], v, g, strain = self._places(facets, rows[c], first, xi[c])
+        order = np.tile(np.arange(shape.shape[1]), (n, 1))
+        for facets, which in space.mesh.facets_of(self._name):
+            c = np.flatnonzero((rows >= which.start) & (rows < which.stop))
+            on, local = facet_nodes(facets.cell, space.degree), facets.local[rows[c] - which.start]
+            x[c], normal[c], v, g, strain = self._places(facets, rows[c], which.start, xi[c])
             nn = v.shape[1]
             shape[c, :nn], slope[c, :nn], grad[c, :nn] = v, g, strain
             own = np.array([[*nodes, *np.setdiff1d(np.arange(nn), nodes)] for nodes in on])
             order[c, :nn] = own[local]
-            first += len(facets.cells)
         # its volumetric operator follows from the others
         at = replace(side, facet=rows, x=x, normal=normal, jxw=np.ones(n), shape=shape, grad=grad, slope=None)
         return at, slope, order
@@ -1081,10 +1071,7 @@ class Share:
 
     def __init__(self, space, name, side):
         self._space, self._areas = space, np.bincount(side.facet, side.jxw, len(side.cells))
-        self._nodes, first = [], 0
-        for facets in space.mesh.facet_groups.get(name, []):
-            self._nodes.append((slice(first, first + len(facets.cells)), space.facet_nodes(facets)))
-            first += len(facets.cells)
+        self._nodes = [(which, space.facet_nodes(facets)) for facets, which in space.mesh.facets_of(name)]
 
     def __call__(self, covered):
         """Size over that of the facet (nf,), at most 1, where areas (nf,) of facets are covered; 1 where none are.
