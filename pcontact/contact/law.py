@@ -204,7 +204,6 @@ class VaryingCoulomb(FrictionLaw):
     """
 
     varies = True
-    symmetric = False
 
     def __init__(self, contact):
         self._contact, self.rows = contact, np.zeros((0, 3))
@@ -270,7 +269,6 @@ class Tied(RowLaw):
 
     def __init__(self):
         super().__init__([np.inf, 0.0, np.inf])
-        self.symmetric = True
 
 
 class Held(Tied):

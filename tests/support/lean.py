@@ -64,7 +64,7 @@ PIECES = {
     "obstacles": (("contact.surface.obstacle",), ()),
     "finite shapes": (
         tuple(f"contact.surface.obstacle:{name}"
-              for name in ("punch", "wedge", "turned_around", "drawn_along", "torus")), (),
+              for name in ("punch", "wedge", "turned_around", "drawn_along", "_torus")), (),
     ),
     "rigid meshes": (("contact.surface.obstacle:RigidSurface", "mesh.read:read_surface"), ()),
     # what says that a cell has none, and what axial symmetry needs, too

@@ -644,15 +644,12 @@ def _column(source, partner, p, mode, slot, j, slides, w):
         if m < 0:
             _turn_of_source(source, p, slot, j, w, k)
         return
-    if mode == OBSTACLE:
+    if mode == OBSTACLE or mode == FIXED:
         w.dg[k] = -w.n[j] * value
         w.ds[j, k] = value
-        for i in range(d):
-            w.dn[i, k] = -partner.curvature[p, i, j] * value
-        return
-    if mode == FIXED:
-        w.dg[k] = -w.n[j] * value
-        w.ds[j, k] = value
+        if mode == OBSTACLE:
+            for i in range(d):
+                w.dn[i, k] = -partner.curvature[p, i, j] * value
         return
     if mode == HELD:
         held_column(gap, value, m, j, w, k)

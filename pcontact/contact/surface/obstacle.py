@@ -122,18 +122,6 @@ def drawn_along(profile, direction, axis):
     return distance
 
 
-def torus(ring, radius, axis):
-    """The same of a torus: all places within a radius of a ring around a unit vector, relative to its centre."""
-
-    def distance(x, time):
-        height = x @ axis
-        _, outward = _away(x - height[:, None] * axis)
-        length, away = _away(x - ring * outward)
-        return length - radius, away
-
-    return distance
-
-
 def _unit(v):
     return v / np.linalg.norm(v, axis=-1, keepdims=True)
 
@@ -175,7 +163,16 @@ def _profiled(obstacle):
 
 
 def _torus(obstacle):
-    return torus(obstacle.ring_radius, obstacle.radius, _unit(np.asarray(obstacle.axis, dtype=float)))
+    """All places within a radius of a ring around an axis."""
+    axis = _unit(np.asarray(obstacle.axis, dtype=float))
+
+    def distance(x, time):
+        height = x @ axis
+        _, outward = _away(x - height[:, None] * axis)
+        length, away = _away(x - obstacle.ring_radius * outward)
+        return length - obstacle.radius, away
+
+    return distance
 
 
 # what makes the distance of a shape, as a function of places relative to the shape's own and of the time
@@ -247,8 +244,7 @@ class RigidObstacle:
 
     def __init__(self, obstacle, amplitude, size, functions=None, surface=None):
         self._amplitude = amplitude
-        shift = obstacle.displacement
-        self._shift = None if shift is None else np.asarray(shift, dtype=float)
+        self._shift = np.asarray(0.0 if obstacle.displacement is None else obstacle.displacement, dtype=float)
         # distances are taken from it
         self._place = np.zeros(1)
         if surface is not None:
@@ -280,10 +276,8 @@ class RigidObstacle:
         -------
         ndarray (n, d), or (d,) or zero where it does not turn
         """
-        first = self._amplitude.factor(start)
-        factor, way = self._amplitude.factor(end) - first, 0.0
-        if self._shift is not None:
-            way = self._shift * factor
+        factor = self._amplitude.factor(end) - self._amplitude.factor(start)
+        way = self._shift * factor
         return way if self._turn is None else way + self._turn.displacement(x + (origin - self.pivot(start)), factor)
 
     def turned(self, vectors, start, end):
@@ -300,7 +294,7 @@ class RigidObstacle:
 
     def pivot(self, time):
         """The point (d,) that it turns about, where that is at a time [length]."""
-        return self._pivot + (0.0 if self._shift is None else self._shift * self._amplitude.factor(time))
+        return self._pivot + self._shift * self._amplitude.factor(time)
 
     def gap(self, x, time, origin=0.0):
         """Signed distance and contact normal.
@@ -320,10 +314,8 @@ class RigidObstacle:
         normal : ndarray (n, d)
             Towards the obstacle, minus the gradient of the distance.
         """
-        origin, factor = origin - self._place, self._amplitude.factor(time)
-        if self._shift is not None:
-            origin = origin - self._shift * factor
-        x = x + origin
+        factor = self._amplitude.factor(time)
+        x = x + (origin - self._place - self._shift * factor)
         if not len(x):
             return np.zeros(0), np.zeros_like(x)
         if self._turn is None:
