@@ -9,7 +9,7 @@ from pcontact.mesh.mesh import CellBlock, Facets, Mesh, as_met, z_order
 from pcontact.mesh.partition import WEIGHT, partition
 from pcontact.mesh.parts import KEPT, PartMesh
 from pcontact.mesh.plex import is_petsc_file
-from pcontact.mesh.raw import complete, facet_multiplicity, say_lost, without_middles
+from pcontact.mesh.raw import facet_multiplicity, raised, say_lost
 from pcontact.mesh.read import read_mesh
 from pcontact.mesh.slices import bits, fetch, has_bit, means, nodes_of, places, to_owners, whole
 from pcontact.mesh.topology import cell_name, components
@@ -248,10 +248,7 @@ def _read_whole(comm, path, order, serendipity, surfaces, check):
         check(raw)
         say_lost(raw.path, raw.lost)
         between = {name: facet_multiplicity(raw, *raw.facet_groups[name]) > 1 for name in surfaces}
-        curved = any(b.degree == 2 for b in raw.blocks)
-        if curved or (order(raw) if callable(order) else order) == 2:
-            raw = complete(raw, 2)
-            raw = without_middles(raw) if serendipity else raw
+        raw, curved = raised(raw, order(raw) if callable(order) else order, serendipity)
         return raw, curved, components(raw), between
 
     raw, curved, component, between = on_root(comm, prepare) or (None, False, None, dict.fromkeys(surfaces, []))
@@ -282,8 +279,7 @@ def load_plain(comm, raw):
     """
 
     def prepare():
-        curved = any(block.degree == 2 for block in raw.blocks)
-        full = complete(raw, 2) if curved else raw
+        full, curved = raised(raw, 1)
         return full, curved, components(full)
 
     return deal(whole(comm, *(on_root(comm, prepare) or (None,) * 3)))

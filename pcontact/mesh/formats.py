@@ -18,17 +18,8 @@ from pcontact.runtime.errors import InputError
 from pcontact.runtime.files import GEOMETRIES, reading
 
 # cell data that number groups, by format
-_TAG_KEYS = (
-    "gmsh:physical",
-    "medit:ref",
-    "nastran:ref",
-    "avsucd:material",
-    "netgen:index",
-    "su2:tag",
-    "ugrid:ref",
-    "tetgen:ref",
-    "cell_tags",
-)
+_TAG_KEYS = ("gmsh:physical", "medit:ref", "nastran:ref", "avsucd:material", "netgen:index", "su2:tag", "ugrid:ref",
+             "tetgen:ref", "cell_tags")  # fmt: skip
 # what is said of a file that ends in the middle, or is of another type
 _UNREADABLE = "cannot be read as {}: {{kind}}: {{reason}}; allowed: a complete file of that type"
 # nodes of cells that are filled up later

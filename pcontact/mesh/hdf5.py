@@ -15,7 +15,7 @@ import numpy as np
 from pcontact.element.reference import CELLS, SERENDIPITY, n_nodes
 from pcontact.mesh.mesh import as_met, z_order
 from pcontact.mesh.plex import is_petsc_file
-from pcontact.mesh.raw import complete, facet_multiplicity, say_lost
+from pcontact.mesh.raw import facet_multiplicity, raised, say_lost
 from pcontact.mesh.read import read_mesh
 from pcontact.mesh.slices import MeshSlice, SliceBlock
 from pcontact.mesh.topology import components
@@ -152,12 +152,10 @@ def convert(path, target=None, order=1, writer=None):
 def write(target, raw, order=1, curved=None):
     """Write a mesh that has been read, and return it as it was written; parameters as of :func:`convert`, and whether
     its cells are curved: absent, as those of a file of degree 2."""
-    curved = any(block.degree == 2 for block in raw.blocks) if curved is None else curved
-    if curved or order == 2:
-        raw = complete(raw, 2)
+    raw, by_degree = raised(raw, order)
     aside = Hdf5Aside(target, "-o")
     try:
-        _write(aside.file, raw, curved)
+        _write(aside.file, raw, by_degree if curved is None else curved)
         aside.place()
     finally:
         aside.discard()

@@ -14,7 +14,7 @@ from pcontact.element.reference import CELLS
 from pcontact.mesh.hdf5 import ConvertedMesh
 from pcontact.mesh.mesh import mixed
 from pcontact.mesh.plex import read_petsc_file
-from pcontact.mesh.raw import complete, facet_multiplicity, facets_among, without_middles
+from pcontact.mesh.raw import facet_multiplicity, facets_among, raised
 from pcontact.mesh.read import build
 from pcontact.mesh.refinement.numbering import number_nodes
 from pcontact.mesh.slices import SliceBlock, bits, has_bit, level, whole
@@ -74,11 +74,7 @@ class PartMesh(ConvertedMesh):
     @cached_property
     def piece(self):
         """The slices of the mesh. *Collective.*"""
-        comm, raw, (order, serendipity) = self.comm, self.held, self._degree
-        curved = any(block.degree == 2 for block in raw.blocks)
-        if curved or order == 2:
-            raw = complete(raw, 2)
-            raw = without_middles(raw) if serendipity else raw
+        comm, (raw, curved) = self.comm, raised(self.held, *self._degree)
         rows = np.column_stack([np.full(len(raw.points), comm.rank), raw.points.view(np.int64)])
         own, numbers = self._numbers, np.full(len(rows), -1, dtype=np.int64)
         numbers[: len(own)] = own

@@ -151,6 +151,24 @@ def complete(raw, degree):
     return replace(raw, points=points, blocks=blocks, node_groups=groups)
 
 
+def raised(raw, order, serendipity=False):
+    """Give a mesh the nodes that displacements of a degree need, and tell whether its cells are curved.
+
+    Parameters
+    ----------
+    raw : RawMesh
+    order : int
+        1 or 2; cells of degree 2, which are curved, are never lowered.
+    serendipity : bool
+        Whether cells of degree 2 are to have no nodes in the middles of faces and cells.
+    """
+    curved = any(block.degree == 2 for block in raw.blocks)
+    if curved or order == 2:
+        raw = complete(raw, 2)
+        raw = without_middles(raw) if serendipity else raw
+    return raw, curved
+
+
 def without_middles(raw):
     """Take the nodes in the middles of faces and cells out of quadrilaterals and hexahedra of degree 2.
 

@@ -8,7 +8,7 @@ import numpy as np
 from pcontact.element.reference import CELLS, facet_kinds, facet_nodes
 from pcontact.mesh.plex import told
 from pcontact.mesh.raw import Block, RawMesh
-from pcontact.runtime.jit import njit, njit_exact
+from pcontact.runtime.jit import njit_exact
 from pcontact.runtime.parallel import split_by_rank
 from pcontact.runtime.petsc import MPI, PETSc
 
@@ -176,12 +176,6 @@ def whole(comm, raw, curved, component):
     )  # fmt: skip
 
 
-@njit
-def _flag(nodes, flags):
-    for k in range(nodes.shape[0]):
-        flags[nodes[k]] = True
-
-
 def nodes_of(tables, n_total):
     """Nodes in some tables (n, k), ascending, each once."""
     count = sum(table.size for table in tables)
@@ -190,7 +184,7 @@ def nodes_of(tables, n_total):
     # a flag per node is small against the tables
     flags = np.zeros(n_total, dtype=np.bool_)
     for table in tables:
-        _flag(np.ascontiguousarray(table).ravel(), flags)
+        flags[table] = True
     return np.flatnonzero(flags)
 
 

@@ -319,12 +319,8 @@ def cell_name(points, blocks, tags, number):
     -------
     str
     """
-    row = number
-    for block in blocks:
-        if row < len(block.nodes):
-            break
-        row -= len(block.nodes)
-    centroid = ", ".join(f"{x:g}" for x in points[block.vertices[row]].mean(axis=0))
+    block, own = next(one for one in numbered(blocks) if number < one[1].stop)
+    centroid = ", ".join(f"{x:g}" for x in points[block.vertices[number - own.start]].mean(axis=0))
     return f"cell {number + 1 if tags is None else tags[number]} ({block.cell} at ({centroid}))"
 
 
