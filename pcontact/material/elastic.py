@@ -22,6 +22,8 @@ import numpy as np
 from pcontact.runtime.jit import njit_inline, njit_inner_exact
 
 HALF = np.sqrt(0.5)
+# indices of the components in 3D
+PAIRS = np.array([[0, 0], [1, 1], [2, 2], [0, 1], [1, 2], [0, 2]])
 
 
 @njit_inline

@@ -33,7 +33,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pcontact.material.elastic import add_elastic_tangent, elastic_stress, lame
+from pcontact.material.elastic import PAIRS, add_elastic_tangent, elastic_stress, lame
 from pcontact.material.hardening import curve_of
 from pcontact.material.log_strain import (
     ROOT,
@@ -274,8 +274,7 @@ def _hencky(material, p, mode, work):
     return p, yields
 
 
-# components XX, YY, ZZ, XY, YZ, XZ: their indices, and the number of each pair of indices
-PAIRS = np.array([[0, 0], [1, 1], [2, 2], [0, 1], [1, 2], [0, 2]])
+# number of the component that has two indices
 NUMBER = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2]])
 
 

@@ -18,10 +18,8 @@ isotropic body, and C_dev is added where an orthotropic body is.
 
 import numpy as np
 
-from pcontact.material.elastic import HALF, Elastic, isotropic
+from pcontact.material.elastic import HALF, PAIRS, Elastic, isotropic
 
-# index pairs of the Mandel components
-_PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
 # a radius below this fraction of the distance from the origin is one on the axis of the frame
 _ON_AXIS = 1e-12
 # couplings of stresses in the plane with shear across it that are rounding errors, over the stiffness
@@ -31,7 +29,7 @@ _ROUNDING = 1e-9
 def _basis():
     """Tensors (6, 3, 3) whose Mandel components are those of the unit vectors."""
     out = np.zeros((6, 3, 3))
-    for k, (i, j) in enumerate(_PAIRS):
+    for k, (i, j) in enumerate(PAIRS):
         out[k, i, j] = out[k, j, i] = 1.0 if i == j else HALF
     return out
 
@@ -83,7 +81,7 @@ def turn(frames):
     """
     tensors = np.einsum("nia,kij,njb->nkab", frames, _BASIS, frames, optimize=True)
     out = np.empty((len(frames), 6, 6))
-    for k, (i, j) in enumerate(_PAIRS):
+    for k, (i, j) in enumerate(PAIRS):
         out[:, k] = tensors[:, :, i, j] * (1.0 if i == j else 1.0 / HALF)
     return out
 
@@ -239,7 +237,7 @@ def traction_matrix(normal):
     out = np.zeros((n, d, 6 if d == 3 else 4))
     for i in range(d):
         out[:, i, i] = normal[:, i]
-    for k, (i, j) in enumerate(_PAIRS[3:], start=3):
+    for k, (i, j) in enumerate(PAIRS[3:], start=3):
         if j < d and k < out.shape[2]:
             out[:, i, k], out[:, j, k] = HALF * normal[:, j], HALF * normal[:, i]
     return out
