@@ -568,14 +568,10 @@ def _given(space, averages, rows, paths, source):
                 found = f"the group of the coupling {one.name!r}, of which nodes are in an equation or a periodic group"
                 raise input_error(source, f"couplings ({one.name}).region", found, "a group without them")
             number = space.n_dofs + len(given)
-            given[number] = partial(_scaled, value, one.amplitude)
+            given[number] = lambda time, value=value, factor=one.amplitude.factor: value * factor(time)
             rows.append({**row, number: -1.0})
             paths.append(f"couplings ({one.name})")
     return given
-
-
-def _scaled(value, amplitude, time):
-    return value * amplitude.factor(time)
 
 
 def _lower_rows(scene, space):

@@ -165,9 +165,9 @@ def nearest(name: str, known: Iterable[str]) -> str | None:
     return max(known, key=lambda other: closeness(name, other), default=None)
 
 
-def nearby(name: str, known: Iterable[str], show: Callable[[str], str] = repr, least: float = 0.6) -> str:
-    """The end of a message: the known name that is at least so much like `name`, empty where there is none."""
-    return "".join(f"; the nearest is {show(near)}" for near in difflib.get_close_matches(name, known, 1, least))
+def nearby(name: str, known: Iterable[str], show: Callable[[str], str] = repr) -> str:
+    """The end of a message: the known name that is much like `name`, empty where there is none."""
+    return "".join(f"; the nearest is {show(near)}" for near in difflib.get_close_matches(name, known, 1))
 
 
 def unknown_name(name: str, what: str, known: Iterable[str]) -> str:

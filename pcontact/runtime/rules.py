@@ -125,13 +125,13 @@ def one_of(*values: float) -> Rule:
     return Rule(" | ".join(f"{value:g}" for value in values), accept, {"type": "number", "enum": list(values)})
 
 
-def either(allowed: str, word: str, rule: Rule) -> Rule:
-    """A word, or what a rule accepts."""
+def either(word: str, rule: Rule) -> Rule:
+    """A word, or what a rule accepts, as a part of a rule that says so."""
 
     def accept(value):
         return value if isinstance(value, str) and value == word else rule.accept(value)
 
-    return Rule(allowed, accept, {"anyOf": [rule.schema, {"const": word}]})
+    return Rule("", accept, {"anyOf": [rule.schema, {"const": word}]})
 
 
 def optional(rule: Rule) -> Rule:

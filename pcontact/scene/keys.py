@@ -378,15 +378,15 @@ MOMENT = _or_list(
     "a finite number in the plane, a list of 3 finite numbers in space", number(), sequence("", number(), (3,))
 )
 ROTATION = _or_list(
-    'a finite number or "free" in the plane, a list of 3 of them in space', either("", "free", number()),
-    sequence("", either("", "free", number()), (3,)),
+    'a finite number or "free" in the plane, a list of 3 of them in space', either("free", number()),
+    sequence("", either("free", number()), (3,)),
 )  # fmt: skip
 INERTIA = _or_list(
     "a number >= 0 in the plane, a list of 3 of them about the axes of the mesh in space", number(least=0),
     sequence("", number(least=0), (3,)),
 )  # fmt: skip
 WAYS = sequence(
-    'a list of 2 or 3 entries, one per direction: a finite number or "free"', either("", "free", number()), (2, 3)
+    'a list of 2 or 3 entries, one per direction: a finite number or "free"', either("free", number()), (2, 3)
 )
 FOUNDATION = _or_list(f"a number > 0, along the normal, or {STIFFNESSES.allowed}", number(above=0), STIFFNESSES)
 VECTORS = sequence(
@@ -394,7 +394,7 @@ VECTORS = sequence(
 )
 COMPONENTS = sequence(
     f'a list of 2 or 3 entries, one per direction: a finite number, "free", or {ALLOWED}',
-    _or_expression(either("", "free", number()), ("free",)), (2, 3),
+    _or_expression(either("free", number()), ("free",)), (2, 3),
 )  # fmt: skip
 DIRECTION = sequence("a list of 2 or 3 finite numbers, one per direction, not all zero", number(), (2, 3), any)
 DIRECTION.schema["contains"] = {"not": {"const": 0}}

@@ -150,8 +150,7 @@ class MeshSpec:
     )  # fmt: skip
     serendipity: bool = key(
         BOOLEAN, "with a displacement of degree 2: quadrilaterals and hexahedra with 8 and 20 nodes", default=False,
-        more="without those in the middles of faces and cells, as other programs have them; see "
-        "[mesh.md](mesh.md)",
+        more="without those in the middles of faces and cells, as other programs have them; see [mesh.md](mesh.md)",
     )  # fmt: skip
     strain: str = key(
         choice("small", "finite"), "strain of the bodies that do not say it themselves", default="small",
@@ -199,8 +198,7 @@ class Material:
         excludes=("yield_stress", "hardening"),
     )  # fmt: skip
     law: str = key(
-        LAW,
-        "with finite strain: elasticity; with small strain: the name of a law that a Python program has added",
+        LAW, "with finite strain: elasticity; with small strain: the name of a law that a Python program has added",
         default="hencky",
         more="`hencky`: Hooke's law, with finite strain of logarithmic strain; the next three are rubber, see "
         "[finite_strain.md](finite_strain.md). `E` and `nu` are those of small strain with all of them. Laws that "
@@ -211,13 +209,11 @@ class Material:
     )  # fmt: skip
     mooney_rivlin: Sequence[float] | None = key(
         MOONEY_RIVLIN, "with `law = \"mooney_rivlin\"`: c10 and c01", default=None, unit="stress", otherwise="none",
-        requires=('law = "mooney_rivlin"',),
-        more="`E` must be 4 (1 + nu) (c10 + c01)",
+        requires=('law = "mooney_rivlin"',), more="`E` must be 4 (1 + nu) (c10 + c01)",
     )  # fmt: skip
     ogden: Table | None = key(
         OGDEN, "with `law = \"ogden\"`: mu [stress] and alpha of every term", default=None, otherwise="none",
-        requires=('law = "ogden"',),
-        more="`E` must be (1 + nu) sum(mu alpha)",
+        requires=('law = "ogden"',), more="`E` must be (1 + nu) sum(mu alpha)",
     )  # fmt: skip
     split: str | None = key(
         choice("multiplicative", "additive"), "with finite strain: of elastic and plastic strain", default=None,
@@ -246,8 +242,7 @@ class Material:
     point: Sequence[float] | None = key(
         VECTOR, "orthotropic: the axes go around an axis through this point", default=None, unit="length",
         otherwise="they are the same everywhere", more="x, y, z of `axes` and `angle` are then the radial, the hoop "
-        "and the axial direction",
-        unless={RINGS: "x, y, z of the axes are the radial, axial and hoop direction there"},
+        "and the axial direction", unless={RINGS: "x, y, z of the axes are the radial, axial and hoop direction there"},
     )  # fmt: skip
     axis: Sequence[float] | None = key(
         DIRECTION, "with `point`, in space: direction of that axis, of any length", default=None,
@@ -310,8 +305,7 @@ class Body:
     )  # fmt: skip
     integration: str = key(
         choice("full", "reduced"), "cells of 8 and 20 nodes: integrals at 3 points in each direction, or at 2",
-        default="full",
-        more="reduced: with `serendipity = true`, not with axial symmetry; see [mesh.md](mesh.md)",
+        default="full", more="reduced: with `serendipity = true`, not with axial symmetry; see [mesh.md](mesh.md)",
     )  # fmt: skip
     order: int | None = key(
         integer(1, 2), "degree of the displacement", default=None, otherwise="that of `[mesh]`",
@@ -320,13 +314,11 @@ class Body:
     phases: Sequence[str] | None = phases("it is there; in a later one than the first it begins without strain")
     initial_velocity: Sequence[Value] | None = key(
         VECTORS, "with `[dynamics]`: velocity at the beginning", default=None, kw_only=True, unit="length / time",
-        requires=("[dynamics]",),
-        otherwise="at rest", more="see [dynamics.md](dynamics.md)",
+        requires=("[dynamics]",), otherwise="at rest", more="see [dynamics.md](dynamics.md)",
     )  # fmt: skip
     initial_displacement: Sequence[Value] | None = key(
         VECTORS, "with `[dynamics]`: displacement at the beginning", default=None, kw_only=True, unit="length",
-        requires=("[dynamics]",),
-        otherwise="none", more="whatever holds it there has let go of it",
+        requires=("[dynamics]",), otherwise="none", more="whatever holds it there has let go of it",
     )  # fmt: skip
     mass_damping: float = key(
         NON_NEGATIVE, "with `[dynamics]`: damping over mass (Rayleigh), of slow motions", default=0.0, kw_only=True,
@@ -347,8 +339,7 @@ class Obstacle:
 
     shape: str = key(
         choice("plane", "sphere", "cylinder", "punch", "wedge", "cone", "torus", "mesh", "level_set"),
-        "shape; a sphere in the plane is a circle, cylinder, cone and torus are for space only",
-        more="see below",
+        "shape; a sphere in the plane is a circle, cylinder, cone and torus are for space only", more="see below",
     )  # fmt: skip
     point: Sequence[float] | None = key(
         VECTOR, "plane: a point of it; cylinder: a point of its axis; punch: middle of its face; wedge and cone: the "
@@ -467,8 +458,7 @@ class Contact:
     )  # fmt: skip
     friction_decay: float | None = key(
         POSITIVE, "with `kinetic_friction`: how the coefficient goes there with the speed of slip", default=None,
-        kw_only=True,
-        unit="time / length", otherwise="must be said", requires=("kinetic_friction",),
+        kw_only=True, unit="time / length", otherwise="must be said", requires=("kinetic_friction",),
     )  # fmt: skip
     tresca: float | None = key(
         NON_NEGATIVE, "instead of `friction`: a fixed bound of the tangential traction, on the whole surface",
@@ -484,9 +474,8 @@ class Contact:
     )  # fmt: skip
     law: str | None = key(
         TEXT, "instead of `friction` and `tresca`: the name of a law of friction that a Python program has added",
-        default=None, excludes=("tresca", "tied"),
-        otherwise="none", more="`friction`, `friction_limit` and `adhesion` may be numbers of it; see "
-        "[extending.md](extending.md)",
+        default=None, excludes=("tresca", "tied"), otherwise="none",
+        more="`friction`, `friction_limit` and `adhesion` may be numbers of it; see [extending.md](extending.md)",
     )  # fmt: skip
     bilateral: bool = key(
         BOOLEAN, "no separation: the gap is closed, and stays so, in tension too", default=False,
@@ -512,8 +501,7 @@ class Contact:
     )  # fmt: skip
     formulation: str | None = key(
         choice("nitsche", "penalty", "augmented_lagrangian"), "formulation of the contact conditions",
-        default="nitsche",
-        option="contact_formulation", resolved=True, more="see below; pairs of one scene may differ",
+        default="nitsche", option="contact_formulation", resolved=True, more="see below; pairs of one scene may differ",
     )  # fmt: skip
     theta: float | None = key(
         one_of(1, 0, -1), "variant of Nitsche's method: 1 (symmetric), 0 (fewest terms), -1 (stable for every gamma0)",
@@ -523,8 +511,7 @@ class Contact:
     gamma0: float | None = key(
         POSITIVE, "dimensionless parameter of the formulation; larger: stiffer contact", default=None,
         otherwise="2, 1, 1 for theta 1, 0, -1 (half where `unbiased` has the traction of each source alone); "
-        "penalty 3, augmented Lagrangian 1",
-        option="contact_gamma0", resolved=True,
+        "penalty 3, augmented Lagrangian 1", option="contact_gamma0", resolved=True,
     )  # fmt: skip
     alpha: float | None = key(
         POSITIVE, "with friction: parameter of the tangential terms over that of the normal ones", default=None,
@@ -546,18 +533,16 @@ class Contact:
         option="contact_quadrature", resolved=True,
     )  # fmt: skip
     cut: bool | None = key(
-        BOOLEAN, "whether source facets are cut along the edges of the target",
-        default=None, otherwise="from the element",
-        option="contact_cut", resolved=True, more="see below",
+        BOOLEAN, "whether source facets are cut along the edges of the target", default=None,
+        otherwise="from the element", option="contact_cut", resolved=True, more="see below",
     )  # fmt: skip
     search: str | None = key(
         choice("closest_point", "ray_tracing"), "how a source point finds its partner", default="closest_point",
         option="contact_search", resolved=True, more="`ray_tracing`: along the normal of the source",
     )  # fmt: skip
     search_radius: float | None = key(
-        POSITIVE, "largest distance at which a partner is looked for",
-        default=None, unit="length", otherwise="from the surfaces",
-        resolved=True,
+        POSITIVE, "largest distance at which a partner is looked for", default=None, unit="length",
+        otherwise="from the surfaces", resolved=True,
         more="From the surfaces: 0.15 of the extent of the smaller surface (half of it where a body is not held), "
         "and as much more as the undeformed bodies overlap if that is deeper; `all`: 0.15 of the extent of the "
         "smallest body; `tied`: the largest facet. The extent is the length of a straight line that is as wide "
@@ -578,9 +563,8 @@ class Contact:
         more="Negative: an overlap, which is pushed apart; see below", unless=ADJUSTED,
     )  # fmt: skip
     interference_amplitude: Table | None = key(
-        AMPLITUDE, "factor of the initial overlap, and of the gap that `bilateral` closes, over the time",
-        default=None, otherwise="all of it acts from the beginning",
-        more="see below", unless=ADJUSTED,
+        AMPLITUDE, "factor of the initial overlap, and of the gap that `bilateral` closes, over the time", default=None,
+        otherwise="all of it acts from the beginning", more="see below", unless=ADJUSTED,
     )  # fmt: skip
     pressure_overclosure: float | Table | None = key(
         PRESSURE_OVERCLOSURE, "a soft layer between the surfaces: contact pressure over overclosure, the negative gap",
@@ -689,9 +673,8 @@ class Load:
     )  # fmt: skip
     point: Sequence[float] | None = key(
         VECTOR, "with `force` or `moment`: where the force acts, and of what point the report says displacement and "
-        "rotation; with `angular_speed`: a point of the axis",
-        default=None, unit="length", otherwise="the centroid of the group",
-        requires=("force | moment | angular_speed",), unless=NO_TURN,
+        "rotation; with `angular_speed`: a point of the axis", default=None, unit="length",
+        otherwise="the centroid of the group", requires=("force | moment | angular_speed",), unless=NO_TURN,
     )  # fmt: skip
     at: Sequence[float] | None = key(
         VECTOR, "with `force`: it acts at the node that is nearest to this place, of the group or of the mesh",
@@ -810,8 +793,7 @@ class Periodic:
     )  # fmt: skip
     angle: float | None = key(
         number(), "`partner` comes to `region` by this turn", default=None, unit="degrees", otherwise="none",
-        requires=("point",), unless=NO_TURN,
-        more="Positive: counterclockwise, seen from where `axis` points to",
+        requires=("point",), unless=NO_TURN, more="Positive: counterclockwise, seen from where `axis` points to",
     )  # fmt: skip
     point: Sequence[float] | None = of_angle(
         VECTOR, "with `angle`: a point of the axis; in the plane the centre", "length"
@@ -910,18 +892,16 @@ class Steps:
     """The run from time 0 to `end` in `count` equal steps to start with."""
 
     end: float = key(
-        POSITIVE, "time at the end of the run",
-        default=1.0, unit="time", more="not with `[[phases]]`, which have durations",
-        unless={"[[phases]]": "the run ends with the last phase"},
+        POSITIVE, "time at the end of the run", default=1.0, unit="time",
+        more="not with `[[phases]]`, which have durations", unless={"[[phases]]": "the run ends with the last phase"},
     )  # fmt: skip
     count: int = key(
         integer(1, 1_000_000), "equal load steps to start with", default=1, option="steps_count",
         more="corners of amplitudes and expressions are met",
     )  # fmt: skip
     min_step: float | None = key(
-        POSITIVE, "smallest load step: a step that fails is halved down to this",
-        default=None, unit="time", otherwise="end / count / 1024",
-        option="steps_min",
+        POSITIVE, "smallest load step: a step that fails is halved down to this", default=None, unit="time",
+        otherwise="end / count / 1024", option="steps_min",
     )  # fmt: skip
     control: str = key(
         choice("fixed", "auto"), "how long load steps are", default="fixed", option="steps_control",
@@ -933,9 +913,8 @@ class Steps:
         default=None, unit="time", otherwise="4 end / count", option="steps_max", requires=('control = "auto"',),
     )  # fmt: skip
     viscous_stabilisation: float | None = key(
-        POSITIVE, "viscosity that resists every motion, for bodies that snap",
-        default=None, unit="stress time / length^2", otherwise="none",
-        option="steps_viscous_stabilisation",
+        POSITIVE, "viscosity that resists every motion, for bodies that snap", default=None,
+        unit="stress time / length^2", otherwise="none", option="steps_viscous_stabilisation",
         more="see below. The report has its work, which is to be small against that of the stresses",
     )  # fmt: skip
     through_snaps: str | None = key(
@@ -1000,8 +979,7 @@ class Output:
     )  # fmt: skip
     probes: Sequence[str] = key(
         sequence("a list of names of groups", TEXT), "groups whose displacement is reported: mean, least, largest",
-        default=(),
-        otherwise="none",
+        default=(), otherwise="none",
     )  # fmt: skip
     smooth: bool = key(
         BOOLEAN, "with them the fields of the cells averaged at the nodes", default=False, option="output_smooth",
@@ -1028,8 +1006,7 @@ class Output:
     )  # fmt: skip
     compression: int = key(
         integer(0, 9), "of `.vtkhdf`: level of deflate, 0 none", default=0, option="output_compression",
-        requires=('format = "vtkhdf"',),
-        more="`.vtu` is always compressed, with level 1",
+        requires=('format = "vtkhdf"',), more="`.vtu` is always compressed, with level 1",
     )  # fmt: skip
 
 
@@ -1076,17 +1053,15 @@ class Scene:
     petsc: dict[str, str] = field(default_factory=dict)
     title: str = key(ANY_TEXT, "what the report and the pictures are called", default="")
     accuracy: str | Target | None = key(
-        preset_or_target(choice(*PRESETS)), "preset of what scene and options leave open",
-        default=None,
+        preset_or_target(choice(*PRESETS)), "preset of what scene and options leave open", default=None,
         otherwise="none", option="accuracy", said=choice(*PRESETS),
         more="a preset sets tolerances, searches and, on a mesh of degree 2, the degree of the displacement; the "
         "table names an error to reach, by refining the mesh; see [accuracy.md](accuracy.md)",
     )  # fmt: skip
     allow_unsafe: Sequence[str] = key(
         sequence("a list of " + choice(*UNSAFE).allowed, choice(*UNSAFE)),
-        "settings that run with a warning instead of being refused",
-        default=(), otherwise="none", option="allow_unsafe",
-        more="see [options.md](options.md)",
+        "settings that run with a warning instead of being refused", default=(), otherwise="none",
+        option="allow_unsafe", more="see [options.md](options.md)",
     )  # fmt: skip
     path: Path | None = None
     beside: Path | None = None

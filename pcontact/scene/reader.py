@@ -94,10 +94,8 @@ def _scene(data, file, **home):
         title=data.get("title", ""),
         accuracy=_accuracy(data.get("accuracy"), file),
         allow_unsafe=data.get("allow_unsafe", ()),
-        mesh=_table("mesh", data.get("mesh", {}), file),
+        **{key: built(cls, data.get(key, {}), file, key) for key, cls in SINGLE_TABLES.items()},
         materials=_materials(data.get("materials", {}), file),
-        steps=_table("steps", data.get("steps", {}), file),
-        output=_table("output", data.get("output", {}), file),
         petsc=data.get("petsc", {}),
         **{key: _list(key, data.get(key, []), file) for key in LIST_TABLES},
         **{key: built(cls, data[key], file, key) for key, cls in OPTIONAL_TABLES.items() if key in data},
@@ -202,10 +200,6 @@ def built(cls: type, data: object, file: str, where: str) -> Any:
         if field.default is MISSING and field.default_factory is MISSING
     }
     return cls(**{**missing, **data})
-
-
-def _table(key, data, file):
-    return built(SINGLE_TABLES[key], data, file, key)
 
 
 def _materials(data, file):

@@ -256,11 +256,9 @@ def _twice(scene, key, attribute, entries=None) -> Found:
 
 def _names(scene) -> Found:
     yield from _twice(scene, "loads", "name", [(k, one) for k, one in enumerate(scene.loads) if one.total])
-    for key in ("springs", "couplings", "pretensions"):
+    for key in ("springs", "couplings", "pretensions", "contacts", "regions"):
         yield from _twice(scene, key, "name")
     yield from _twice(scene, "pretensions", "region")
-    for key in ("contacts", "regions"):
-        yield from _twice(scene, key, "name")
 
 
 def _missing(scene, key, name, what) -> Found:
