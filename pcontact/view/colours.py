@@ -71,7 +71,7 @@ class ColourScale:
         return table[np.clip(place * len(table), 0, len(table) - 1).astype(np.int64)]
 
 
-def colour_scale(quantity, colormaps):
+def colour_scale(quantity):
     """Colours that fit the numbers: kinds, amounts of one sign, or of both.
 
     A few numbers at singular corners may be far beyond all others; then the scale ends at the 99.8th
@@ -80,8 +80,6 @@ def colour_scale(quantity, colormaps):
     Parameters
     ----------
     quantity : Quantity
-    colormaps : mapping of str to matplotlib.colors.Colormap
-        matplotlib's.
 
     Returns
     -------
@@ -105,14 +103,15 @@ def colour_scale(quantity, colormaps):
     ]
     if low < 0 < high and min(-low, high) > 0.02 * (high - low):
         limit = max(-low, high)
-        return ColourScale(colormaps["RdBu_r"], Normalize(-limit, limit), extend, [])
+        return ColourScale(matplotlib.colormaps["RdBu_r"], Normalize(-limit, limit), extend, [])
     # an amount that is nearly the same everywhere is shown as that
     if low >= 0 and (low < 0.5 * high or quantity.name in _COLOURS):
         low = 0.0
     if high <= 0 and high > 0.5 * low:
         high = 0.0
     high = high if high > low else low + max(abs(low), 1.0) * 1e-3
-    return ColourScale(colormaps[_COLOURS.get(quantity.name, "Spectral_r")], Normalize(low, high), extend, [])
+    colours = matplotlib.colormaps[_COLOURS.get(quantity.name, "Spectral_r")]
+    return ColourScale(colours, Normalize(low, high), extend, [])
 
 
 def save(figure, output):

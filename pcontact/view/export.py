@@ -101,18 +101,12 @@ def in_the_same_colours(stages, results):
         every = [find(result, stage.quantity.name) for result in results]
         # colours of the quantity of all load steps
         values = {str(k): quantity.all_values for k, quantity in enumerate(every)}
-        stage.colours = colour_scale(replace(stage.quantity, values=values), _maps())
+        stage.colours = colour_scale(replace(stage.quantity, values=values))
         ends = [_corners(stage.at(result, quantity, None).positions)
                 for result, quantity in ((results[0], every[0]), (results[-1], every[-1]))]  # fmt: skip
         window = np.concatenate(ends)
         found.append([stage.at(result, quantity, window) for result, quantity in zip(results, every, strict=True)])
     return found
-
-
-def _maps():
-    import matplotlib
-
-    return matplotlib.colormaps
 
 
 def _corners(points):

@@ -144,7 +144,7 @@ class Stage:
         self.positions = camera.deformed(self.bodies, self.factor)
         self.surfaces = {name: camera.deformed(piece, self.factor) for name, piece in result.surfaces.items()}
         self.patch = camera.contact_patch(result.surfaces, self.surfaces) if self.solid else None
-        self.colours = colour_scale(quantity, matplotlib.colormaps)
+        self.colours = colour_scale(quantity)
         self.window = None
         """Points that are always in the picture; None: those that are drawn."""
 

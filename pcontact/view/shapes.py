@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pyvista
-from matplotlib.colors import ListedColormap
+from matplotlib.colors import ListedColormap, to_rgba_array
 from vtkmodules.vtkFiltersGeometry import vtkDataSetSurfaceFilter, vtkUnstructuredGridGeometryFilter
 
 from pcontact.io import vtu
@@ -246,7 +246,7 @@ def add(plotter, shape, scale, pixel=0.0, opacity=1.0, width=1.0, lift=(0.0, 0.0
         look = {"lighting": lit, "ambient": ambient, "diffuse": diffuse, "specular": 0.0, "opacity": opacity,
                 "show_scalar_bar": False, "smooth_shading": False, "line_width": thick}  # fmt: skip
         if np.isnan(np.asarray(mesh[VALUE])).all():
-            grey = np.array([_rgb(name) for name in GREYS], dtype=np.uint8)
+            grey = np.rint(255.0 * to_rgba_array(GREYS)[:, :3]).astype(np.uint8)
             mesh = mesh.copy(deep=False)
             mesh.clear_point_data()
             mesh.cell_data["grey"] = grey[np.asarray(mesh.cell_data[BODY]) % len(grey)]
@@ -265,10 +265,6 @@ def add(plotter, shape, scale, pixel=0.0, opacity=1.0, width=1.0, lift=(0.0, 0.0
                     opacity=float(share) * opacity, lighting=False,
                     show_scalar_bar=False,
                 )  # fmt: skip
-
-
-def _rgb(name):
-    return [int(name[k : k + 2], 16) for k in (1, 3, 5)]
 
 
 def aim(plotter, camera, window):

@@ -12,7 +12,6 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
-from matplotlib import colormaps
 from matplotlib.image import imread
 from mpi4py import MPI
 from PIL import Image
@@ -267,7 +266,7 @@ def test_half_models_are_looked_at_from_their_symmetry_plane(low, axis, sign):
 def test_colours_fit_the_numbers():
     def scale(values, name="x", whole=False):
         quantity = Quantity(name, "bodies", "cell", {"": np.asarray(values, dtype=float)}, whole)
-        return colours.colour_scale(quantity, colormaps)
+        return colours.colour_scale(quantity)
 
     assert (scale([1, 10]).norm.vmin, scale([1, 10]).norm.vmax) == (0, 10)
     assert (scale([-3, 10]).norm.vmin, scale([-3, 10]).norm.vmax) == (-10, 10)
