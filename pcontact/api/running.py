@@ -73,16 +73,23 @@ def run(
         A load step did not converge; its attribute ``run`` is the run up to the last one that did.
     """
     comm = MPI.COMM_WORLD if comm is None else comm
+
+    def observers(simulation: Any) -> list[Observer]:
+        return [] if on_step is None else [_Caller(on_step, simulation)]
+
     with log.of_a_library(comm.rank, level), own_options():
         Options("options").give(options or {})
         scene = scene_of(scene)
         aimed = wanted(scene, Options("options"))
         if aimed is not None and items:
             raise InputError("run: found items in a run that reaches an error; allowed: one of the two")
-        if aimed is not None:
-            result, failure = _reach(aimed, comm, on_step, output)
-        else:
-            result, failure = _run(Simulation(scene, comm, "options", items=items), on_step, output)
+        try:
+            if aimed is not None:
+                result, failure = _reach(aimed, comm, observers, output)
+            else:
+                result, failure = _run(Simulation(scene, comm, "options", items=items), observers, output)
+        except _OnStepFailed as error:
+            raise error.own from None
     if comm.rank == 0:
         for text in result.unused:
             warnings.warn(text, UserWarning, stacklevel=2)
@@ -92,19 +99,16 @@ def run(
 
 
 def _run(
-    simulation: Any, on_step: Callable[[Step], object] | None, output: str | Path | None
+    simulation: Any, observers: Callable[[Any], list[Observer]], output: str | Path | None
 ) -> tuple[Run, Exception | None]:
     """The result and the failure of a simulation, which is freed. *Collective.*"""
     together = simulation.comm.size == 1
     try:
-        observers = [] if on_step is None else [_Caller(on_step, simulation)]
-        converged = simulation.run(output, observers, keep=True, said="output")
+        converged = simulation.run(output, observers(simulation), keep=True, said="output")
         result, failure = Run.of(simulation, converged), simulation.failure
         together = True
-    except (*TOLD, _OnStepFailed) as error:
+    except (*TOLD, _OnStepFailed):
         together = True
-        if isinstance(error, _OnStepFailed):
-            raise error.own from None
         raise
     finally:
         # what one rank alone meets is no reason for it to wait for the others
@@ -114,17 +118,11 @@ def _run(
 
 
 def _reach(
-    scene: model.Scene, comm: Any, on_step: Callable[[Step], object] | None, output: str | Path | None
+    scene: model.Scene, comm: Any, observers: Callable[[Any], list[Observer]], output: str | Path | None
 ) -> tuple[Run, Exception | None]:
     """The result and the failure of the runs that reach an error. *Collective.*"""
 
-    def observers(simulation: Any) -> list[Observer]:
-        return [] if on_step is None else [_Caller(on_step, simulation)]
-
-    try:
-        outcome = Loop(scene, comm, "options", Run.of, observers, fields=True).run(output, "output")
-    except _OnStepFailed as error:
-        raise error.own from None
+    outcome = Loop(scene, comm, "options", Run.of, observers, fields=True).run(output, "output")
     outcome.kept.report["accuracy"].update(jsonable(outcome.section))
     return outcome.kept, outcome.failure
 

@@ -248,16 +248,13 @@ class Records(Observer):
         OutputError
             On every rank.
         """
-        on_root(self._comm, self._begin)
+        on_root(self._comm, lambda: self.report.begin())
         with last_words(self._leave):
             try:
                 yield
             except BaseException as error:
                 self._leave(isinstance(error, InputError))
                 raise
-
-    def _begin(self):
-        self.report.begin()
 
     def _leave(self, refused=False):
         """Write the report as far as it goes: other ranks may not be there any more."""
@@ -298,10 +295,7 @@ class Records(Observer):
         OutputError
             On every rank.
         """
-        on_root(self._comm, self._end, converged, self._finish())
-
-    def _end(self, converged, costs):
-        self._write({"converged": converged, **costs})
+        on_root(self._comm, self._write, {"converged": converged, **self._finish()})
 
     def data(self):
         """Return the contents of the report, on every rank. *Collective.*
