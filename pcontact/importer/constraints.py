@@ -112,13 +112,12 @@ class Cyclic:
 
     def __init__(self, deck, findings, groups):
         self.deck, self.findings, self.groups = deck, findings, groups
-        self.models = {card.need("TIE").upper(): card for card in deck.model if card.key == "CYCLICSYMMETRYMODEL"
-                       and card.get("TIE")}  # fmt: skip
+        self.models = {one.need("TIE").upper(): one for one in deck.cards_of("CYCLICSYMMETRYMODEL") if one.get("TIE")}
 
     def tables(self):
         """Tables [[periodic]], with the card that each comes from."""
-        for card in self.deck.model:
-            if card.key != "TIE" or "CYCLICSYMMETRY" not in card.parameters:
+        for card in self.deck.cards_of("TIE"):
+            if "CYCLICSYMMETRY" not in card.parameters:
                 continue
             model = self.models.get(card.need("NAME").upper())
             if model is None:
@@ -177,9 +176,8 @@ class Pretensions:
     def __init__(self, deck, findings, groups):
         self.deck, self.findings, self.groups = deck, findings, groups
         self.sections = {}
-        for card in deck.model:
-            if card.key == "PRE-TENSIONSECTION":
-                self._read(card)
+        for card in deck.cards_of("PRE-TENSIONSECTION"):
+            self._read(card)
 
     def _read(self, card):
         self.findings.know(card, "SURFACE", "NODE")

@@ -69,9 +69,8 @@ class Contacts:
                 for place, words in card.rows:
                     found.append((self._tie(card, place, words), card))
         found += self._general()
-        for card in self.deck.model:
-            if card.key == "CLEARANCE":
-                self._clearance(card)
+        for card in self.deck.cards_of("CLEARANCE"):
+            self._clearance(card)
         for cards in self.deck.interactions.values():
             if cards[0].place not in self._used:
                 for card in cards:

@@ -420,6 +420,10 @@ class Deck:
         cell, nodes = self.elements[element]
         return [nodes[k] for k in faces_of(cell)[face]]
 
+    def cards_of(self, *keys):
+        """Cards of the model with some keywords."""
+        return [card for card in self.model if card.key in keys]
+
     def cells(self):
         """Numbers of the elements that are cells."""
         return [number for number, (kind, _) in self.elements.items() if kind in VERTICES]

@@ -94,7 +94,7 @@ class Orientations:
 
     def __init__(self, deck, findings, plane, rings):
         self._findings, self._plane, self._rings, self._used = findings, plane, rings, set()
-        self._cards = {card.need("NAME").upper(): card for card in deck.model if card.key == "ORIENTATION"}
+        self._cards = {card.need("NAME").upper(): card for card in deck.cards_of("ORIENTATION")}
 
     def keys(self, section):
         """Keys of the material of a section: `axes`, `point`, `axis`.
@@ -354,9 +354,7 @@ def bodies(deck, findings, tables):
     owner, names, widths = {}, [], {}
     dims, plane = _families(deck, findings)
     turns = Orientations(deck, findings, dims == {2}, plane == "axisymmetric")
-    for card in deck.model:
-        if card.key not in ("SOLIDSECTION", "MEMBRANESECTION"):
-            continue
+    for card in deck.cards_of("SOLIDSECTION", "MEMBRANESECTION"):
         findings.know(card, "ELSET", "MATERIAL", "ORIENTATION", "CONTROLS")
         material = card.need("MATERIAL").upper()
         if material not in deck.materials:

@@ -82,9 +82,7 @@ def _word(words, k):
 def amplitudes(deck, findings):
     """Amplitudes by name in capitals."""
     found = {}
-    for card in deck.model:
-        if card.key != "AMPLITUDE":
-            continue
+    for card in deck.cards_of("AMPLITUDE"):
         findings.know(card, "NAME", "TIME", "DEFINITION", "VALUE", "SHIFTX", "SHIFTY")
         if card.word("DEFINITION", "TABULAR") != "TABULAR" or card.word("VALUE", "RELATIVE") != "RELATIVE":
             findings.leave(card, "allowed: a table of relative values")
@@ -110,14 +108,13 @@ class Frames:
 
     def __init__(self, deck, findings):
         self.deck, self.of_node, self.card = deck, {}, {}
-        for card in deck.model:
-            if card.key == "TRANSFORM":
-                findings.know(card, "NSET", "TYPE")
-                row = (card.numbers(*card.rows[0]) + [0.0] * 6)[:6] if card.rows else [0.0] * 6
-                for node in deck.nodes_of(card, card.place, card.need("NSET")):
-                    self.of_node[node] = card.word("TYPE", "R"), np.array(row[:3]), np.array(row[3:])
-                    self.card[node] = card
-                findings.take(card)
+        for card in deck.cards_of("TRANSFORM"):
+            findings.know(card, "NSET", "TYPE")
+            row = (card.numbers(*card.rows[0]) + [0.0] * 6)[:6] if card.rows else [0.0] * 6
+            for node in deck.nodes_of(card, card.place, card.need("NSET")):
+                self.of_node[node] = card.word("TYPE", "R"), np.array(row[:3]), np.array(row[3:])
+                self.card[node] = card
+            findings.take(card)
 
     def axes(self, node):
         """Local axes in rows, (3, 3); None where they are those of the mesh."""

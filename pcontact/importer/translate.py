@@ -170,7 +170,7 @@ def translate(path, mesh_name):
         raise InputError(f"{path}: found no element of a solid with a section; allowed: *SOLID SECTION of elements")
     dim = 3 if any(not in_plane(deck.elements[e][0]) for _, _, cells in parts for e in cells) else 2
     if thickness != 1.0:
-        card = next(card for card in deck.model if card.key == "SOLIDSECTION")
+        card = deck.cards_of("SOLIDSECTION")[0]
         findings.change(card, f"forces at nodes are those of a thickness of 1, divided by {thickness:g}")
     regions = [(groups.add("cells", name, cells), material) for name, material, cells in parts]
     tools = Tools(deck, float(np.ptp([deck.nodes[n] for n in nodes], axis=0).max()), mesh_name)
