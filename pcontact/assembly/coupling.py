@@ -20,7 +20,7 @@ import numpy as np
 
 from pcontact.assembly.patches import group_patches, node_patches
 from pcontact.mesh.mesh import size_of
-from pcontact.runtime.errors import input_error
+from pcontact.runtime.errors import coordinates, input_error
 from pcontact.space.constraints import moved, resultant
 from pcontact.space.supports import moments
 
@@ -201,8 +201,8 @@ def _node_at(space, load, where):
     within = NEAR * size if load.within is None else load.within
     file, key = where
     if found[0][0] > within:
-        place = ", ".join(f"{c:g}" for c in found[0][2])
-        said = f"{list(load.at)}, from which the nearest node, at ({place}), is {found[0][0]:.4g} away"
+        place = coordinates(found[0][2])
+        said = f"{list(load.at)}, from which the nearest node, at {place}, is {found[0][0]:.4g} away"
         raise input_error(file, f"{key}.at", said, f"a place within {within:.4g} of a node (within)")
     if len(found) > 1 and found[1][0] - found[0][0] <= ALIKE * size:
         bodies = " and ".join(dict.fromkeys((found[0][3], found[1][3])))

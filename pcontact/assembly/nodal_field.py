@@ -4,7 +4,7 @@ import numpy as np
 
 from pcontact.element.reference import CELLS, reference_nodes, shape, shape_gradient
 from pcontact.mesh.formats import read_meshio
-from pcontact.runtime.errors import input_error, listed, shown, unknown_name
+from pcontact.runtime.errors import coordinates, input_error, listed, shown, unknown_name
 from pcontact.runtime.parallel import agree, on_root
 
 # [extent of the file's nodes] So near to a node of the file a node of the mesh is the same. From: the digits of single
@@ -102,9 +102,8 @@ class NodalField:
         lost = np.flatnonzero(vertices & (rows < 0))
         message = None
         if len(lost):
-            place = ", ".join(f"{c:g}" for c in mesh.points[lost[0]])
-            message = (f"{where[0]}: {where[1]}.file: found {path}, which has no node at ({place}), one of "
-                       f"{len(lost)}; allowed: the nodes of the mesh")  # fmt: skip
+            found = f"{path}, which has no node at {coordinates(mesh.points[lost[0]])}, one of {len(lost)}"
+            message = f"{where[0]}: {where[1]}.file: found {found}; allowed: the nodes of the mesh"
         agree(comm, message)
         self._whole = not comm.allreduce(int(np.sum(needed & (rows < 0))))
         self._values = np.where(rows >= 0, values[rows], 0.0)

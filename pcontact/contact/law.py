@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pcontact.runtime.errors import input_error
+from pcontact.runtime.errors import coordinates, input_error
 from pcontact.runtime.jit import njit, njit_inner
 from pcontact.scene.functions import Prescribed
 
@@ -248,8 +248,8 @@ class VaryingCoulomb(FrictionLaw):
         values = self._values[key](x, time)[:, 0]
         if np.any(values < 0.0):
             at = int(np.argmin(values))
-            place = ", ".join(f"{c:g}" for c in x[at])
-            found = f"{getattr(self._contact, key)!r}, the value {values[at]:g} at the point ({place}) at time {time:g}"
+            value = f"the value {values[at]:g} at the point {coordinates(x[at])} at time {time:g}"
+            found = f"{getattr(self._contact, key)!r}, {value}"
             raise input_error(self._file, f"{self._where}.{key}", found, "numbers >= 0")
         return values
 

@@ -19,7 +19,7 @@ from pcontact.mesh.raw import facet_multiplicity, raised, say_lost
 from pcontact.mesh.read import read_mesh
 from pcontact.mesh.slices import MeshSlice, SliceBlock
 from pcontact.mesh.topology import components
-from pcontact.runtime.errors import InputError
+from pcontact.runtime.errors import InputError, coordinates
 from pcontact.runtime.files import Damaged, Hdf5Aside, reading, verify
 from pcontact.runtime.parallel import together
 
@@ -378,4 +378,4 @@ class ConvertedMesh:
             order = np.argsort(vertices)
             centre = file["points"][vertices[order]].mean(axis=0)
             tag = file["cells/tags"][self._first + row]
-        return f"cell {tag} ({block.cell} at ({', '.join(f'{x:g}' for x in centre)}))"
+        return f"cell {tag} ({block.cell} at {coordinates(centre)})"

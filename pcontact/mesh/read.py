@@ -33,7 +33,7 @@ from pcontact.mesh.raw import (
 )
 from pcontact.mesh.topology import cell_name, components, orient
 from pcontact.runtime import log
-from pcontact.runtime.errors import InputError, input_error, listed, unknown_name
+from pcontact.runtime.errors import InputError, coordinates, input_error, listed, unknown_name
 from pcontact.runtime.jit import njit_exact
 
 __all__ = ["Block", "RawMesh", "complete", "components", "facet_multiplicity", "from_meshio", "read_mesh"]
@@ -261,7 +261,7 @@ def _leave_out(file, path, used, dim):
 
 
 def _node(file, node):
-    return f"node {file.tags[node]} at ({', '.join(f'{x:g}' for x in file.points[node])})"
+    return f"node {file.tags[node]} at {coordinates(file.points[node])}"
 
 
 def _plane(path, points):
@@ -342,8 +342,7 @@ def read_surface(path, dim, region, where):
     sign, part = np.zeros(len(nodes), dtype=np.int64), np.full(len(nodes), -1, dtype=np.int64)
     wrong = _spread(neighbour, agrees, sign, part)
     if wrong >= 0:
-        place = ", ".join(f"{c:g}" for c in points[nodes[wrong, 0]])
-        found = f"{path}, whose facets at ({place}) face both ways at once"
+        found = f"{path}, whose facets at {coordinates(points[nodes[wrong, 0]])} face both ways at once"
         raise input_error(where[0], f"{where[1]}.file", found, "a surface with two sides")
     _outwards(points, nodes, corners, neighbour, sign, part)
     for count in REVERSED:
@@ -393,8 +392,7 @@ def _neighbours(points, nodes, corners, where):
     if np.any(same[1:] & same[:-1]):
         at = order[np.flatnonzero(same[1:] & same[:-1])[0]]
         count = int(np.sum(np.all(ends == ends[at], axis=1)))
-        place = ", ".join(f"{c:g}" for c in points[ends[at]].mean(axis=0))
-        found = f"{count} facets of {where[0]} that meet at ({place})"
+        found = f"{count} facets of {where[0]} that meet at {coordinates(points[ends[at]].mean(axis=0))}"
         raise input_error(where[1], f"{where[2]}.file", found, "a surface, of which no more than two meet")
     neighbour, agrees = np.full((n, 4), -1, dtype=np.int64), np.ones((n, 4), dtype=bool)
     first, second = order[:-1][same], order[1:][same]

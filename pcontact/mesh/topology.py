@@ -20,7 +20,7 @@ from pcontact.mesh.mesh import Facets, mixed
 from pcontact.mesh.plex import owners, told
 from pcontact.mesh.raw import Block, facet_vertices, facets_among, find_facets, number_rows, numbered
 from pcontact.runtime import log
-from pcontact.runtime.errors import InputError
+from pcontact.runtime.errors import InputError, coordinates
 from pcontact.runtime.jit import njit
 from pcontact.runtime.parallel import rows_of
 
@@ -320,8 +320,8 @@ def cell_name(points, blocks, tags, number):
     str
     """
     block, own = next(one for one in numbered(blocks) if number < one[1].stop)
-    centroid = ", ".join(f"{x:g}" for x in points[block.vertices[number - own.start]].mean(axis=0))
-    return f"cell {number + 1 if tags is None else tags[number]} ({block.cell} at ({centroid}))"
+    centroid = coordinates(points[block.vertices[number - own.start]].mean(axis=0))
+    return f"cell {number + 1 if tags is None else tags[number]} ({block.cell} at {centroid})"
 
 
 def _refuse(path, points, blocks, tags, bad, what, allowed):

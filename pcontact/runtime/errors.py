@@ -183,6 +183,11 @@ def listed(names: Iterable[str]) -> str:
     return ", ".join(names[:_NAMES]) + rest if names else "(there are none)"
 
 
+def coordinates(point: Iterable[float]) -> str:
+    """A point, or a vector, by its coordinates."""
+    return f"({', '.join(f'{c:g}' for c in point)})"
+
+
 def counted(names: Sequence[str]) -> str:
     """Names, each once, and how often where several bodies have the same."""
     count = {name: names.count(name) for name in dict.fromkeys(names)}

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pcontact.runtime.errors import input_error
+from pcontact.runtime.errors import coordinates, input_error
 
 # letters; nodes of the tree; nodes from the root to a leaf
 LONGEST, MOST, DEEPEST = 2000, 500, 100
@@ -463,9 +463,8 @@ class Watched:
             raise self._error(f"an array of shape {value.shape} {at}", allowed)
         bad = np.flatnonzero(~np.isfinite(value.reshape(len(x), -1)).all(axis=1))
         if len(bad):
-            point = ", ".join(f"{c:g}" for c in x[bad[0]])
             first = np.array2string(value[bad[0]], separator=", ")
-            raise self._error(f"the value {first} at the point ({point}) {at}", "finite numbers")
+            raise self._error(f"the value {first} at the point {coordinates(x[bad[0]])} {at}", "finite numbers")
         # on a ridge of the distance it may vanish, but not at every point
         if self.vector and len(x) > 1 and not value.any():
             raise self._error(f"zero at all {len(x)} points {at}", "a gradient, which points into free space")

@@ -10,7 +10,7 @@ from types import ModuleType
 
 import numpy as np
 
-from pcontact.runtime.errors import input_error, shown
+from pcontact.runtime.errors import coordinates, input_error, shown
 from pcontact.runtime.files import GEOMETRIES, SCRIPTS
 from pcontact.scene.expressions import Called, Expression, Watched
 from pcontact.scene.model import Scene, place
@@ -179,7 +179,7 @@ class Prescribed:
         bad = np.flatnonzero(~np.isfinite(values))
         if len(bad):
             text = self._texts[entry] if len(self._texts[entry]) <= SHOWN else f"{self._texts[entry][:SHOWN]}..."
-            point = ", ".join(f"{c:g}" for c in x[bad[0]])
-            found = f"{text!r}, the value {values[bad[0]]:g} at the point ({point}) at time {time:g}"
+            point = coordinates(x[bad[0]])
+            found = f"{text!r}, the value {values[bad[0]]:g} at the point {point} at time {time:g}"
             raise input_error(self._file, self._key, found, "finite numbers")
         return values

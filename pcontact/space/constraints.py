@@ -23,7 +23,7 @@ import numpy as np
 
 from pcontact.element.reference import CELLS, reference_nodes, shape
 from pcontact.mesh.topology import OTHER, plane
-from pcontact.runtime.errors import InputError
+from pcontact.runtime.errors import InputError, coordinates
 from pcontact.runtime.parallel import agree
 from pcontact.runtime.petsc import MPI
 from pcontact.space.modes import rigid_motions
@@ -375,8 +375,8 @@ class RigidGroup(Constraint):
         held = fixed[self.nodes].any(axis=1) & ~self._space.on_axis()[self.nodes]
         if not held.any():
             return None
-        at = ", ".join(f"{c:g}" for c in self._space.points[self.nodes[held][0]])
-        return (f"{where[0]}: {where[1]}.region: found {coupling.region!r}, of which the point ({at}) has a prescribed "
+        at = coordinates(self._space.points[self.nodes[held][0]])
+        return (f"{where[0]}: {where[1]}.region: found {coupling.region!r}, of which the point {at} has a prescribed "
                 "displacement, or is in another coupling; allowed: a group that nothing else moves, or average = true "
                 "where supports hold some of its components")  # fmt: skip
 
@@ -591,10 +591,10 @@ def pair_rows(space, pair, motion, where):
     within = PARTNER_DISTANCE * float(np.ptp(places, axis=0).max(initial=0.0)) if pair.within is None else pair.within
     if (far > within).any():
         worst = int(far.argmax())
-        at = ", ".join(f"{c:g}" for c in places[worst])
+        at = coordinates(places[worst])
         raise InputError(
             f"{where[0]}: {where[1]}.partner: found {pair.partner!r}, whose nearest node is {far[worst]:.3g} off where "
-            f"that of the node ({at}) of {pair.region!r} is to be; allowed: nodes that are pairs, or a larger within"
+            f"that of the node {at} of {pair.region!r} is to be; allowed: nodes that are pairs, or a larger within"
         )
     found = []
     for own, partner in zip(followers.tolist(), leaders[rows].tolist(), strict=True):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pcontact.runtime.errors import InputError
+from pcontact.runtime.errors import InputError, coordinates
 from pcontact.runtime.parallel import agree, together
 from pcontact.scene.functions import Prescribed
 
@@ -123,10 +123,10 @@ class Supports:
                     except InputError as error:
                         message, differ = message or str(error), False
                     if differ:
-                        at = ", ".join(f"{c:g}" for c in space.points[common[0]])
+                        at = coordinates(space.points[common[0]])
                         message = message or (
                             f"{source}: displacements[{number}] ({displacement.region}).value: found "
-                            f"{self._said(number, axis)} in direction {axis} at the point ({at}), where "
+                            f"{self._said(number, axis)} in direction {axis} at the point {at}, where "
                             f"displacements[{other}] ({displacements[other].region}) prescribes "
                             f"{self._said(int(other), axis)}; "
                             "allowed: one value (and one amplitude) per point and direction"

@@ -19,7 +19,7 @@ from pcontact.mesh.msh import apart
 from pcontact.mesh.refinement.numbering import Neighbours, values_by_key
 from pcontact.mesh.topology import outer_facets
 from pcontact.runtime import log, process
-from pcontact.runtime.errors import InputError, input_error
+from pcontact.runtime.errors import InputError, coordinates, input_error
 from pcontact.runtime.files import GEOMETRIES
 from pcontact.runtime.parallel import Exchanger, rows_of, together
 from pcontact.runtime.petsc import MPI
@@ -341,7 +341,7 @@ def _require(boundary, found, within, say):
     size = max(mesh.comm.allgather(found.size))
     ratio = float(np.linalg.norm(high - low)) / size if size > 0.0 else 1.0
     words = f"whose curves or surfaces are not where {off} of {all_} vertices of the boundary are: the first one, at " \
-            f"({', '.join(f'{c:g}' for c in x)}), is {distance:.2g} from them"
+            f"{coordinates(x)}, is {distance:.2g} from them"
     if not 1.0 / UNLIKE < ratio < UNLIKE:
         words += f"; the mesh is {ratio:.4g} times as large"
     raise say(words, f"the geometry that the mesh was made of, in its units, within {within:.2g}")
