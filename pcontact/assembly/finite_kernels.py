@@ -33,7 +33,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact.assembly.graph import find
-from pcontact.material.elastic import HALF, moduli_of
+from pcontact.material.elastic import HALF, indices, moduli_of
 from pcontact.material.finite import (
     CONSISTENT,
     STRESS,
@@ -534,7 +534,7 @@ def cell_piola(state, cells, nodal, c, mode, work, piola, slope):
                     if k < 3:
                         factor = fb[i, k] * ui[k, j]
                     else:
-                        s, t = (0, 1) if k == 3 else ((1, 2) if k == 4 else (0, 2))
+                        s, t = indices(k)
                         factor = HALF * (fb[i, s] * ui[t, j] + fb[i, t] * ui[s, j])
                     if factor != 0.0:
                         for n in range(nn * d):
@@ -575,7 +575,7 @@ def acoustic(state, cells, c, q, normal, work, out):
             along += g[i] * s[i, j] * g[j]
     for i in range(d):
         for k in range(m):
-            a, b = (k, k) if k < 3 else ((0, 1) if k == 3 else ((1, 2) if k == 4 else (0, 2)))
+            a, b = indices(k)
             rows[i, k] = fb[i, a] * g[a] if k < 3 else HALF * (fb[i, a] * g[b] + fb[i, b] * g[a])
     if cells.basis.shape[2] > 0:
         slope = pressure_slope(state.material, state.material.shared, work.log_volume[q])
@@ -638,7 +638,7 @@ def cauchy(state, cells, nodal, work, stress, strain, volume):
             # tau = Fb S Fb^T
             fb, s = work.deformation, work.tensor
             for k in range(6):
-                i, j = (k, k) if k < 3 else ((0, 1) if k == 3 else ((1, 2) if k == 4 else (0, 2)))
+                i, j = indices(k)
                 value = 0.0
                 for a in range(3):
                     for b in range(3):
@@ -655,7 +655,7 @@ def cauchy(state, cells, nodal, work, stress, strain, volume):
             if material.small.plane_stress:
                 work.tensor[2, 2] = across
             for k in range(6):
-                i, j = (k, k) if k < 3 else ((0, 1) if k == 3 else ((1, 2) if k == 4 else (0, 2)))
+                i, j = indices(k)
                 strain[c, k] += weight * work.tensor[i, j]
         volume[c] = 0.0
         for q in range(nq):

@@ -18,6 +18,7 @@ import numpy as np
 from pcontact.assembly.geometry import chunks, hoop, points_of
 from pcontact.element.quadrature import quadrature
 from pcontact.element.reference import shape, shape_gradient
+from pcontact.material.elastic import indices
 from pcontact.material.hardening import RADIUS
 from pcontact.material.log_strain import compose, eigenpairs, twice_green
 from pcontact.runtime.jit import njit
@@ -289,7 +290,7 @@ def principal_stretches(strain, m, out):
     tensor, values, vectors = np.zeros((3, 3)), np.zeros(3), np.zeros((3, 3))
     for c in range(len(strain)):
         for k in range(6):
-            i, j = (k, k) if k < 3 else ((0, 1) if k == 3 else ((1, 2) if k == 4 else (0, 2)))
+            i, j = indices(k)
             tensor[i, j] = strain[c, k]
             tensor[j, i] = strain[c, k]
         eigenpairs(tensor, m, values, vectors)

@@ -22,8 +22,16 @@ import numpy as np
 from pcontact.runtime.jit import njit_inline, njit_inner_exact
 
 HALF = np.sqrt(0.5)
-# indices of the components in 3D
-PAIRS = np.array([[0, 0], [1, 1], [2, 2], [0, 1], [1, 2], [0, 2]])
+
+
+@njit_inline
+def indices(k):
+    """Row and column of a component in 3D; where a kernel does much for each, this costs less than `PAIRS`."""
+    return (k, k) if k < 3 else ((0, 1) if k == 3 else ((1, 2) if k == 4 else (0, 2)))
+
+
+# those of all components
+PAIRS = np.array([indices.py_func(k) for k in range(6)])
 
 
 @njit_inline

@@ -33,7 +33,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pcontact.material.elastic import PAIRS, add_elastic_tangent, elastic_stress, lame
+from pcontact.material.elastic import PAIRS, add_elastic_tangent, elastic_stress, indices, lame
 from pcontact.material.hardening import curve_of
 from pcontact.material.log_strain import (
     ROOT,
@@ -233,7 +233,7 @@ def _rubber(terms, strain, mode, stress, moduli):
                 moduli[i, j] += factor * ((1.0 + middle) - powers[i] - powers[j]) / 3.0
             moduli[i, i] += factor * powers[i]
         for k in range(3, m):
-            i, j = (0, 1) if k == 3 else ((1, 2) if k == 4 else (0, 2))
+            i, j = indices(k)
             half = 0.5 * alpha * (strain[i] - strain[j])
             # sinh(x) / x, by its series where x is small
             square = half * half
@@ -430,7 +430,7 @@ def _to_green_along(mode, work):
         for n in range(m):
             part[i, n] = moduli[i, 0] * axes[0, n] + moduli[i, 1] * axes[1, n] + moduli[i, 2] * axes[2, n]
     for k in range(3, m):
-        i, j = (0, 1) if k == 3 else ((1, 2) if k == 4 else (0, 2))
+        i, j = indices(k)
         factor = 0.5 * moduli[k, k] * log_difference(work.values[i], work.values[j]) * (work.row[i] + work.row[j])
         factor -= (stress[i] + stress[j]) * work.row[i] * work.row[j]
         for n in range(m):

@@ -27,6 +27,7 @@ Tensors are arrays (3, 3), also in the plane, where the third direction stands a
 
 import numpy as np
 
+from pcontact.material.elastic import indices
 from pcontact.runtime.jit import njit_inline, njit_inner, njit_inner_exact
 
 ROOT = np.sqrt(2.0)
@@ -233,12 +234,12 @@ def axes_operator(vectors, out):
     """Orthogonal matrix (m, m) that takes Mandel components to those along the axes, the columns of ``vectors``."""
     m = out.shape[0]
     for k in range(m):
-        i, j = (k, k) if k < 3 else ((0, 1) if k == 3 else ((1, 2) if k == 4 else (0, 2)))
+        i, j = indices(k)
         factor = 1.0 if k < 3 else ROOT
         for n in range(3):
             out[k, n] = factor * vectors[n, i] * vectors[n, j]
         for n in range(3, m):
-            a, b = (0, 1) if n == 3 else ((1, 2) if n == 4 else (0, 2))
+            a, b = indices(n)
             if k < 3:
                 out[k, n] = ROOT * vectors[a, i] * vectors[b, i]
             else:
@@ -311,7 +312,7 @@ def add_curvature(values, stress, out):
     for i in range(3):
         out[i, i] -= 2.0 * stress[i] / (1.0 + values[i]) ** 2
     for k in range(3, m):
-        i, j = (0, 1) if k == 3 else ((1, 2) if k == 4 else (0, 2))
+        i, j = indices(k)
         a, b = 2.0 * log_difference_2(values[i], values[i], values[j]), 2.0 * log_difference_2(
             values[i], values[j], values[j]
         )
