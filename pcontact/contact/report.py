@@ -98,8 +98,7 @@ def node_depths(contact, pairs):
     """The :class:`NodeDepths` of a contact with one pair; None where the target is rigid, its own source, or has points
     of its own, and where gaps are not those of the facets. *Collective.*"""
     pair = pairs[0]
-    grows = contact.interference_amplitude is not None and not contact.bilateral
-    other = grows or contact.clearance is not None or contact.interference == "adjust" or contact.smooth_geometry
+    other = contact.clearance is not None or contact.interference == "adjust" or contact.smooth_geometry
     if len(pairs) > 1 or pair.rigid or pair.law.tied or contact.target == contact.source or contact.all or other:
         return None
     return NodeDepths(pair)
@@ -266,6 +265,12 @@ class ContactReport:
         return node_depths(self.contact, self.pairs)
 
     @property
+    def _waits(self):
+        """Whether a part of the overlap does not act yet."""
+        table = None if self.contact.bilateral else self.contact.interference_amplitude
+        return table is not None and np.interp(self.pairs[0].history.time, *np.transpose(table)) < 1.0
+
+    @property
     def source(self):
         """The points of all sources."""
         return Surfaces.of(self.pairs, self.weight)
@@ -398,7 +403,8 @@ class ContactReport:
         for pair in (pair for pair in self.pairs if pair.history.path):
             one = pair.history.path.summary(pair.source.jxw / self.weight, comm)
             summary |= {key: max(value, summary.get(key, 0.0)) for key, value in one.items()}
-        if self._node_depths is not None:
+        self.sinks = False
+        if self._node_depths is not None and not self._waits:
             depths = self._node_depths.of_source(u), self._node_depths.of_target(u)
             summary["target_penetration"] = depths[1][0]
             self.sinks = self._node_depths.sinks(u, depths[1][0], summary["max_penetration"])

@@ -563,8 +563,9 @@ class Contact:
         more="Negative: an overlap, which is pushed apart; see below", unless=ADJUSTED,
     )  # fmt: skip
     interference_amplitude: Table | None = key(
-        AMPLITUDE, "factor of the initial overlap, and of the gap that `bilateral` closes, over the time", default=None,
-        otherwise="all of it acts from the beginning", more="see below", unless=ADJUSTED,
+        AMPLITUDE, "factor of the initial overlap, and of the gap that `bilateral` closes, over the time",
+        default=None, otherwise="all of it acts from the beginning, with `[dynamics]` over the first load step",
+        more="see below", unless=ADJUSTED,
     )  # fmt: skip
     pressure_overclosure: float | Table | None = key(
         PRESSURE_OVERCLOSURE, "a soft layer between the surfaces: contact pressure over overclosure, the negative gap",

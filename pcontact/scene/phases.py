@@ -118,14 +118,20 @@ def scene_of(scene: Scene, number: int) -> Scene:
 
 def closing(scene: Scene, number: int) -> Scene:
     """The scene in one of its phases, or the scene of a run without any, in which gaps that are closed by `bilateral`
-    close over the first load step: a shorter one, after a cut, closes less of them."""
+    close over the first load step: a shorter one, after a cut, closes less of them. So do overlaps where bodies have
+    inertia from the beginning on: all at once they would set free an energy that gamma0 and the cells decide."""
     part, begin = (scene_of(scene, number), spans(scene)[number].begin) if scene.phases else (scene, 0.0)
     planned = begin + (part.steps.end - begin) / part.steps.count
     first = min([planned, *(time for time in corners(part) if time > begin)])
     new = {one.name for one in scene.contacts if not scene.phases or begun(scene, one, number) == number}
+    flung = part.dynamics is not None and number == 0
+
+    def gradual(one):
+        return one.bilateral or (flung and not one.tied and one.pressure_overclosure is None)
+
     return replace(part, contacts=[
         replace(one, interference_amplitude=((begin, 0.0), (first, 1.0)))
-        if one.bilateral and one.interference_amplitude is None and one.name in new else one for one in part.contacts
+        if gradual(one) and one.interference_amplitude is None and one.name in new else one for one in part.contacts
     ])  # fmt: skip
 
 

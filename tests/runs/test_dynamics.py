@@ -269,3 +269,14 @@ def test_rows_of_the_bodies_are_written_once_a_step(tmp_path, monkeypatch):
     finally:
         simulation.close()
     assert rows[0] == rows[2] == nodes and 0 < rows[1] == rows[3] < nodes // 2
+
+
+def test_an_overlap_is_pushed_out_over_the_first_step(shared_tmp):
+    """Not at once: that sets free an energy in proportion to gamma0."""
+    found = []
+    for gamma0 in (100.0, 1000.0):
+        scene = bar(shared_tmp, 20, 0.1, velocity=0.0)
+        sunk = Obstacle("plane", point=[0.0, HEIGHT + 0.1], normal=[0.0, 1.0])
+        scene.contacts = [replace(scene.contacts[0], obstacle=sunk, gamma0=gamma0)]
+        found.append(energies(run(scene, WORLD, shared_tmp / "sunk"))[:, :2].sum(axis=1))
+    np.testing.assert_allclose(*found, rtol=0.1)
