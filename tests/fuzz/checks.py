@@ -149,6 +149,29 @@ def _straight(groups, points):
     return np.concatenate(pieces)
 
 
+def fine(groups, points):
+    """Facets as straight pieces, those of degree 2 in more of them than `_straight` has: they follow the curve."""
+    pieces = []
+    for e in groups:
+        x, d = points[e.nodes], DIM[e.cell]
+        corners = np.array(VERTICES[e.cell], dtype=float)
+        rows = [corners] if e.cell != "quadrilateral" else [corners[[0, 1, 2]], corners[[0, 2, 3]]]
+        for _ in range(2 * e.degree - 2 if e.cell != "segment" else 3 * e.degree - 3):
+            rows = [one for row in rows for one in _halves(row)]
+        shapes = np.array([_shapes(e.cell, e.degree, row)[0] for row in rows])
+        pieces.append(np.einsum("qka,nad->nqkd", shapes, x).reshape(-1, d + 1, points.shape[1]))
+    return np.concatenate(pieces)
+
+
+def _halves(corners):
+    """Segments and triangles of half the size."""
+    middles = 0.5 * (corners + np.roll(corners, -1, axis=0))
+    if len(corners) == 2:
+        return [np.array([corners[0], middles[0]]), np.array([middles[0], corners[1]])]
+    (a, b, c), (p, q, r) = corners, middles
+    return [np.array(row) for row in ((a, p, r), (p, b, q), (r, q, c), (p, q, r))]
+
+
 def _samples(pieces, count=4):
     """Points (n, d) on straight pieces, their corners and edges among them."""
     n = pieces.shape[1]
@@ -181,6 +204,13 @@ def distances(x, pieces):
         height = np.abs(np.einsum("nmd,md->nm", w, n)) / np.sqrt(n2)
         best = np.minimum(best, np.where(over, height, np.inf).min(axis=1))
     return best
+
+
+def size_near(x, pieces):
+    """Shortest edge (n,) of the straight pieces (m, d, d) that are nearest to points (n, d)."""
+    size = np.linalg.norm(np.roll(pieces, 1, axis=1) - pieces, axis=2).min(axis=1)
+    apart = np.array([distances(x, piece[None]) for piece in pieces])
+    return np.where(apart <= apart.min(axis=0) + EDGE * size.min(), size[:, None], np.inf).min(axis=0)
 
 
 def within(x, groups, points):
@@ -243,6 +273,21 @@ def places(mesh, row):
             between = u[e.nodes[:, list(group)]].mean(axis=1)
             u[nodes[~known[nodes]]] = between[~known[nodes]]
     return mesh.points + u[: len(mesh.points)]
+
+
+def raised(mesh, row):
+    """The mesh with nodes wherever the displacement has some, as surfaces bulge between those of the file, and the
+    places of its points in a load step: first those of the file."""
+    new, x, first = mesh.copy(np.vstack([mesh.points, row["x"]])), places(mesh, row), len(mesh.points)
+    for e in (e for groups in (new.bodies, new.facets) for some in groups.values() for e in some if e.degree == 1):
+        for group in MIDDLES[e.cell]:
+            middle = mesh.points[e.nodes[:, list(group)]].mean(axis=1)
+            apart = np.linalg.norm(middle[:, None] - row["x"], axis=2)
+            if apart.min(axis=1).max(initial=0.0) > EDGE * np.ptp(mesh.points):
+                return mesh, x
+            e.nodes = np.column_stack([e.nodes, first + apart.argmin(axis=1)])
+        e.degree = 2
+    return new, np.vstack([x, row["x"] + row["u"]])
 
 
 def body_of(mesh, group):
@@ -475,9 +520,8 @@ def _glued(case, name):
 # -- penetration ---------------------------------------------------------------------------------------------
 
 
-def _surfaces(case, contact):
-    """Pairs of (facets, facets or obstacle) of a contact whose nodes must not be inside each other."""
-    mesh = case.mesh
+def _surfaces(mesh, contact):
+    """Pairs of (facets, body) of a contact whose nodes must not be inside each other."""
     if contact.get("all") and "obstacle" not in contact:
         names = list(mesh.bodies)
         return [(boundary(mesh, a), b) for a in names for b in names if a != b]
@@ -497,10 +541,10 @@ def strain(record):
 
 def penetration(case, result):
     """Nodes inside the partner: (kind, text)."""
-    found, mesh = [], case.mesh
+    found = []
     said = any(word in line for line in result["warnings"] for word in SAID)
     for row in result["steps"]:
-        x = places(mesh, row)
+        mesh, x = raised(case.mesh, row)
         absent = row["record"].get("absent", [])
         for contact in case.scene.get("contacts", []):
             name = contact.get("name") or "all"
@@ -510,31 +554,30 @@ def penetration(case, result):
                 continue
             force = np.linalg.norm(row["record"]["contacts"][name]["force"])
             apart = np.inf
-            for facets, body in _surfaces(case, contact):
+            for (facets, body), (flat, _) in zip(*(_surfaces(m, contact) for m in (mesh, case.mesh)), strict=True):
                 if body in absent:
                     continue
                 outer = boundary(mesh, body)
-                pieces = _straight(outer, x)
-                own = _straight(facets, x)
-                size = min(np.linalg.norm(p[:, 1] - p[:, 0], axis=1).min() for p in (pieces, own))
+                pieces, own = _straight(boundary(case.mesh, body), x), _straight(flat, x)
                 nodes = np.unique(np.concatenate([e.nodes.ravel() for e in facets]))
-                distance = distances(x[nodes], pieces)
-                inside = within(x[nodes], mesh.bodies[body], x)
-                depth = float(np.max(distance[inside], initial=0.0))
-                allowed = INSIDE * size
+                nodes = nodes[within(x[nodes], mesh.bodies[body], x)]
+                sizes = np.min([size_near(x[nodes], own), size_near(x[nodes], pieces)], axis=0)
+                depth, allowed = distances(x[nodes], fine(outer, x)), INSIDE * sizes
                 if "dynamics" in case.scene:
                     # what has overlapped at the beginning goes apart in time
-                    nodes_in = within(mesh.points[nodes], mesh.bodies[body], mesh.points)
-                    outside = distances(mesh.points[nodes], _straight(outer, mesh.points))
-                    allowed += float(np.max(outside[nodes_in], initial=0.0))
+                    outside = distances(mesh.points[nodes], fine(outer, mesh.points))
+                    outside = outside[within(mesh.points[nodes], mesh.bodies[body], mesh.points)]
+                    allowed = allowed + float(np.max(outside, initial=0.0))
                 if contact.get("formulation") == "penalty":
                     # an impact goes as deep as the springs are soft, and the report says so, of points between nodes
-                    allowed = max(allowed, 2.0 * row["record"]["contacts"][name]["max_penetration"])
-                if depth > allowed and not said and not contact.get("bilateral"):
-                    where = mesh.points[nodes[inside][np.argmax(distance[inside])]]
+                    allowed = np.maximum(allowed, 2.0 * row["record"]["contacts"][name]["max_penetration"])
+                if np.any(depth > allowed) and not said and not contact.get("bilateral"):
+                    k = np.argmax(depth - allowed)
+                    where = mesh.points[nodes[k]]
                     found.append(("inside", f"time {row['record']['time']:g}: a node of {name} at {where} is "
-                                            f"{depth / size:.2f} of a facet inside {body}"))  # fmt: skip
-                near = 0.0 if inside.any() else float(distances(_samples(own), pieces).min())
+                                            f"{depth[k] / sizes[k]:.2f} of a facet inside {body}"))  # fmt: skip
+                size = min(np.linalg.norm(p[:, 1] - p[:, 0], axis=1).min() for p in (pieces, own))
+                near = 0.0 if len(nodes) else float(distances(_samples(own), pieces).min())
                 apart = min(apart, near - (APART + strain(row["record"])) * size)
             least = 1e-9 * case.stress * case.length ** (2 if case.axial or case.dim == 3 else 1)
             if np.isfinite(apart) and apart > 0.0 and force > least and not _glued(case, name):

@@ -127,6 +127,12 @@ def test_integrals_and_distances(cell, degree):
     assert np.allclose(checks.distances(places, pieces), [0.1, 0.1, 0.2])
 
 
+def test_sizes_are_those_of_facets_near_by():
+    """Of a segment on which a point is, and of the shorter one where two meet."""
+    pieces = np.array([[[0.0, 0.0], [1.0, 0.0]], [[1.0, 0.0], [1.0, 0.1]], [[0.0, 0.0], [0.0, 3.0]]])
+    assert np.allclose(checks.size_near(np.array([[0.5, 0.1], [1.0, 0.0], [-0.2, 2.0]]), pieces), [1.0, 0.1, 3.0])
+
+
 @pytest.fixture(scope="module")
 def pressed(tmp_path_factory):
     """A block on another one, and what came out."""

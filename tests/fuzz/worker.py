@@ -41,7 +41,7 @@ class Watch(Observer):
         force = np.zeros((space.n_owned, space.dim))
         problem.items[0].residual(u, force)
         nodes = space.mesh.file_nodes[space.mesh_nodes[space.owned_local]]
-        mine = nodes, u.getArray(readonly=True).reshape(-1, space.dim).copy()
+        mine = nodes, u.getArray(readonly=True).reshape(-1, space.dim).copy(), space.points[space.owned_local]
         energy = 0.5 * WORLD.allreduce(float(np.sum(force * mine[1])))
         parts = WORLD.gather(mine)
         row = {"number": step.number, "record": record, "energy": energy, "cutbacks": step.cutbacks}
@@ -52,8 +52,7 @@ class Watch(Observer):
         if self.tangent:
             row["singular"] = singular(self.simulation)
         if WORLD.rank == 0:
-            numbers, values = (np.concatenate(part) for part in zip(*parts, strict=True))
-            row["nodes"], row["u"] = numbers, values
+            row["nodes"], row["u"], row["x"] = (np.concatenate(part) for part in zip(*parts, strict=True))
             if self.checkpoint:
                 kept = self.folder / f"kept_{step.number}"
                 kept.mkdir()
