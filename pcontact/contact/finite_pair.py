@@ -1,4 +1,5 @@
-"""A contact pair of bodies with finite motion: the facets of the partners are frozen, nothing else."""
+"""A contact pair of bodies with finite motion: the facets of the partners are frozen, and the adjoint term, which is of
+the places on them that the search has found."""
 
 from dataclasses import dataclass
 
@@ -269,13 +270,13 @@ class FinitePair(ContactPair):
 
     def renew(self, u, before, time, firm=False, tolerance=0.0):
         """See :meth:`pcontact.assembly.item.Item.renew`: until points have the facets that they find, whatever the
-        tolerance. To end by that changes forces of the ironing slab by 0.7 %, and takes a third more iterations in
-        short steps by ray tracing (`drivers/studies/robustness.py`). *Collective.*"""
+        tolerance, which is for the adjoint term. To end by that changes forces of the ironing slab by 0.7 %, and takes
+        a third more iterations in short steps by ray tracing (`drivers/studies/robustness.py`). *Collective.*"""
         if not self.verifies:
             return False
         p, found, values = self.pairing, self.search.find(u, time), self.pairing.exchange.gather(u)
-        closed = self.terms.forces(p, values, self.view())[1] > OPEN
-        contact = self.terms.place(p, values)
+        force, status = self.terms.forces(p, values, self.view())
+        closed, contact = status > OPEN, self.terms.place(p, values)
         on = self._on_facets(contact, values)
         touches = closed | (found.paired & (found.gap <= 0.0)) | self._astray(on)
         self.stale, *_ = misled(self, u, found, contact.normal, time)
@@ -285,7 +286,10 @@ class FinitePair(ContactPair):
         changed = others if self._traces else others | turned
         if firm:
             touches &= ~(p.paired & on)
-        if not self.space.comm.allreduce(bool(np.any(touches & changed)), op=MPI.LOR):
+        slid = self._slid(values, contact, force)
+        self.stale = max(self.stale, slid)
+        left = self.space.comm.allreduce(bool(np.any(touches & changed)), op=MPI.LOR)
+        if not (left or (slid > tolerance and not firm)):
             return False
         self._time = time
         if firm and not self._traces and self._former is not None:
@@ -294,6 +298,18 @@ class FinitePair(ContactPair):
             found = self._between(found, contact, values, returns)
         self.take_again(found, u, before, time)
         return True
+
+    def _slid(self, values, contact, force):
+        """Part of the forces (np, d) by which they would be others with the adjoint of where partners are by now.
+        *Collective.*"""
+        if self.method.theta == 0.0 or not self.terms.traction.two_sided:
+            return 0.0
+        p = self.pairing
+        xi = np.where(contact.live[:, None], _clipped(p.frozen.kind, contact.xi), p.frozen.xi)
+        change = self.space.summed(p.exchange, self.terms.shifted(p, values, self.view(), xi))
+        sums = np.linalg.norm(change, axis=1).sum(), self.source.jxw @ np.linalg.norm(force, axis=1)
+        change, total = self.space.comm.allreduce(np.array(sums), op=MPI.SUM)
+        return float(min(change / total, 1.0)) if total > 0.0 else 0.0
 
     def _on_facets(self, contact, values):
         """Points (np,) whose partner is on its facet or hardly beside it, and has not been left behind at an edge."""

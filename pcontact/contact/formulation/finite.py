@@ -224,6 +224,16 @@ class FiniteTerms(Terms):
         at = self._acting(p, values, view, contact)
         add_residual(self.parameters, p.points, contact.partner, contact.placed, at, local)
 
+    def shifted(self, p, values, view, xi):
+        """Forces (n, d) by which those of the adjoint term at nodal values (n, d) would be others with partners at xi
+        (np, 2) on their facets. *Collective.*"""
+        contact, local = self._contact(p, values), np.zeros_like(values)
+        at = self._acting(p, values, view, contact)
+        change = self.parameters._replace(adjoint=self.traction.adjoint(self._before, p, xi) - self._adjoint)
+        none = at._replace(status=np.full_like(at.status, OPEN))
+        add_residual(change, p.points, contact.partner, contact.placed, none, local)
+        return local
+
     def add_tangent(self, p, values, view, slopes, blocks):
         """Add to blocks (BlockRows); returns how many entries had no place."""
         contact, at = slopes

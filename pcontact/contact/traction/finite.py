@@ -191,11 +191,13 @@ class FiniteTraction:
     ----------
     symmetric, consistent, weighted, nodes
         See `pcontact.contact.traction.small.Traction`.
+    two_sided : bool
+        Whether partners have a part.
     small : SourceSurface
         The source, whose facets with finite strain have no moduli.
     """
 
-    symmetric = consistent = False
+    symmetric = consistent = two_sided = False
     weighted = None
     nodes = np.zeros(0, dtype=np.int64)
 
@@ -285,8 +287,9 @@ class FiniteTraction:
         """Points (np,) whose traction is that of the cells of their partners, too."""
         return np.zeros(len(p.paired), dtype=bool)
 
-    def adjoint(self, values, p):
-        """T (np, nn, d, d), see `pcontact.contact.formulation.finite_kernels`, at nodal values (n, d). *Collective.*"""
+    def adjoint(self, values, p, xi=None):
+        """T (np, nn, d, d), see `pcontact.contact.formulation.finite_kernels`, at nodal values (n, d), with partners
+        where the last search has found them, or at xi (np, 2) on their facets. *Collective.*"""
         return self.slopes(values, p, p.every, elastic=True).rows
 
     def traction(self, values, p, wanted, contact=None):
@@ -496,6 +499,8 @@ class WeightedFiniteTraction(FiniteTraction):
     """The weighted traction of both sides of a pair, in the place of that of its source; parameters as for
     `FiniteTraction`, and the :class:`FiniteTarget` and alpha (np,) of the undeformed source."""
 
+    two_sided = True
+
     def __init__(self, space, bulk, source, name, other):
         super().__init__(space, bulk, source, name)
         self._target, self._alpha = other
@@ -543,10 +548,10 @@ class WeightedFiniteTraction(FiniteTraction):
         """See :meth:`FiniteTraction.reaches`."""
         return self._both
 
-    def adjoint(self, values, p):
+    def adjoint(self, values, p, xi=None):
         """See :meth:`FiniteTraction.adjoint`. *Collective.*"""
         own = super().slopes(values, p, p.every, elastic=True).rows
-        xi = p.frozen.xi[:, : self._space.dim - 1]
+        xi = (p.frozen.xi if xi is None else xi)[:, : self._space.dim - 1]
         return self._joined(own, p.every, self._both, xi, self._facing.ratio, values, p, True)[0]
 
     def _moved(self, p, contact, wanted):

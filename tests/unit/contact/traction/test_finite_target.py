@@ -98,6 +98,26 @@ def test_tangent_is_the_derivative(stacked, laws, theta, friction, search):
         check_difference(item, 0.8 * first + 0.2 * second)
 
 
+@pytest.mark.parametrize("theta", [1.0, -1.0])
+def test_forces_do_not_depend_on_where_partners_were_looked_for(stacked, theta):
+    """The adjoint is that of the places of the last search, which goes on until that matters no more."""
+    before, begin, found = vector_of(stacked, 0.5 * strained(stacked)), strained(stacked), []
+    u = begin.copy()
+    u[stacked.component[stacked.owned_local] == 1, 0] += 1e-5
+    for ahead in (begin, u):
+        item, bulk = pair(stacked, theta=theta, friction=0.3, search="closest_point", gamma0=1.0)
+        item.detect(stacked.vector(), 0.5)
+        bulk.commit(before, 0.5)
+        item.commit(before, 0.5)
+        item.detect(before, 1.0, ahead=vector_of(stacked, ahead))
+        searches = 0
+        while item.renew(vector_of(stacked, u), before, 1.0, tolerance=1e-10) and searches < 3:
+            searches += 1
+        assert item.stale < 1e-10 and searches < 3
+        found.append(residual(item, u))
+    np.testing.assert_allclose(*found, rtol=0, atol=1e-9 * np.abs(found[0]).max())
+
+
 def test_no_part_beside_corners(tmp_path):
     """A target that goes around the upper corner of the lower block: its facets there say nothing."""
     path = blocks_file(tmp_path / "b.msh", "quadrilateral", [4, 4], [4, 1], offset=0.2)
