@@ -1,11 +1,10 @@
-"""Cost of the next mesh, and what a target would take: the passes that are to come, played on the estimates of
-the cells of a coarse mesh."""
+"""Cost of the next mesh, and what a target would take."""
 
 from typing import NamedTuple
 
 import numpy as np
 
-from pcontact.adapt.mark import FOLLOWERS, Contributions, next_cuts
+from pcontact.adapt.mark import FOLLOWERS, LEAP
 from pcontact.adapt.passes import free_memory, memory_each
 from pcontact.runtime import profile
 from pcontact.runtime.petsc import MPI
@@ -80,24 +79,6 @@ class Budgeted:
         self._followers = max(growth / expected, 1.0)
 
 
-class Aims(NamedTuple):
-    """Parts of the error of a pass, in the energy norm, that are to be left.
-
-    Attributes
-    ----------
-    first : float
-        That the next mesh is made for: less where the error has fallen less than expected.
-    later : float
-        That meshes after it are made for, when their error falls as expected.
-    enough : float
-        With which the target is reached.
-    """
-
-    first: float
-    later: float
-    enough: float
-
-
 class Forecast(NamedTuple):
     """Expected passes.
 
@@ -125,60 +106,27 @@ class Forecast(NamedTuple):
             f"{self.degree} with {meshes} unknowns, {self.seconds:.2g} s, {self.memory / 2.0**20:.3g} MB",
         ]
 
-    def report(self):
-        """As a dict."""
-        return {"passes": len(self.unknowns), **self._asdict()}
 
-
-def forecast(comm, passes, squares, part, whole=False, degree=None, count=None):
-    """Play the passes that bring the error of the last one down to a part of it. *Collective.*
+def forecast(passes, error):
+    """The passes that bring an error, which falls on all meshes to come as it is planned for the next one.
 
     Parameters
     ----------
-    comm : MPI.Comm
     passes : list of pcontact.adapt.passes.Pass
-        Of one degree, at least one.
-    squares : ndarray (n,)
-        Squared contributions of the cells of this rank to the error of the last one.
-    part : float or Aims
-        Of its error in the energy norm, to be left.
-    whole : bool
-        Whether all cells are halved together.
-    degree : int or ndarray (n,), optional
-        Of the displacement of the cells; absent: of the last pass.
-    count : ndarray (n,), optional
-        Of cells that have these squares each; absent: one.
+        Of one degree, at least one; the last one says what is planned.
+    error : float
 
     Returns
     -------
     Forecast
     """
-    degree = passes[-1].degree if degree is None else degree
     last, unknowns = passes[-1], [float(one.unknowns) for one in passes]
-    number, left = np.ones(len(squares)) if count is None else count, 1.0
-    aims, followers = part if isinstance(part, Aims) else Aims(part, part, part), _followers(passes)
-    cells = comm.allreduce(float(number.sum()), op=MPI.SUM)
-    while left > aims.enough:
-        known, aim = len(unknowns) > 1, aims.first if len(unknowns) == len(passes) else aims.later
-        errors = Contributions(squares, degree, last.known.dim, number, whole=whole)
-        step = next_cuts(comm, errors, aim / left, np.inf, known)
-        if step.growth <= 1.0:
-            break
-        number = number * 2.0**step.more
-        squares = squares * 0.5**step.more * 0.25 ** (degree * step.more / last.known.dim)
-        left *= step.part
-        growth = comm.allreduce(float(number.sum()), op=MPI.SUM) / cells
-        # neighbours of cells that are cut follow: the first time most of them
-        unknowns.append((1.0 if whole else followers) * last.unknowns * growth)
-    grown = [one / last.unknowns for one in unknowns]
+    # neighbours of cells that are cut follow
+    growth, part = FOLLOWERS * last.next["unknowns"] / last.unknowns, last.next["mesh"] / last.parts["mesh"]
+    far = last.unknowns * growth ** max(np.log(error / last.error) / np.log(part), 1.0)
+    while unknowns[-1] < far:
+        unknowns.append(min(max(growth, LEAP) * unknowns[-1], far))
     fixed, rest = costs(passes)
-    seconds = sum(fixed + rest * one for one in grown) + sum(one.trials for one in passes)
-    memory = last.memory + memory_each(passes) * (max(unknowns) - last.unknowns)
+    seconds = sum(fixed + rest * one / last.unknowns for one in unknowns) + sum(one.trials for one in passes)
+    memory = last.memory + memory_each(passes) * (unknowns[-1] - last.unknowns)
     return Forecast(unknowns, float(seconds), float(memory), last.degree)
-
-
-def _followers(passes):
-    """Unknowns of a mesh over those expected: as the last one has shown it."""
-    if len(passes) < 2 or passes[-2].next is None or passes[-2].next.get("divided"):
-        return FOLLOWERS
-    return max(passes[-1].unknowns / passes[-2].next["unknowns"], 1.0)

@@ -4,8 +4,8 @@ import time as clock
 
 import numpy as np
 
-from pcontact.adapt.budget import Aims, Budgeted, forecast
-from pcontact.adapt.mark import MEASURED, degrees, of_parts, parts_of
+from pcontact.adapt.budget import Budgeted
+from pcontact.adapt.mark import MEASURED
 from pcontact.adapt.passes import cost_of, said_of
 from pcontact.adapt.settings import AIM, FACETS, FULL, NOTICED, SHARE, THIRD
 from pcontact.runtime import log
@@ -104,7 +104,9 @@ class Decision:
             if not divides:
                 return self._step(space, watch, seen, done, most, known)
             around = (None, None, seen[2])
-            return self._refining.step(space, watch.squares, around, self._wanted_divided(done), most, False, True)
+            # simplices with the same nodes have another error
+            wanted = self.wanted(done, TRUST, MEASURED[done.known.dim, done.degree][0])
+            return self._refining.step(space, watch.squares, around, wanted, most, False, True)
 
         step = plan(most) if divides else step
         # a mesh of fewer cells may be the better one: where these are finer than needed they become larger
@@ -139,10 +141,6 @@ class Decision:
         if 1.0 < growth <= 2.0**space.dim and step.cuts.part <= self.wanted(done):
             return choice.once(space.mesh)
         return choice.divides(simulation.scene, space, done, watch.squares, growth > 1.0)
-
-    def _wanted_divided(self, done, trust=None, aim=None):
-        """As :meth:`wanted`, of the error that simplices with the same nodes have."""
-        return self.wanted(done, trust or TRUST, MEASURED[done.known.dim, done.degree][0], aim)
 
     def _spent(self, why):
         if self._reached:
@@ -183,7 +181,7 @@ class Decision:
         self._asked = FULL**0.5 * self._budget.of_cells(most)
         return fits, self._asked
 
-    def wanted(self, done, trust=None, more=1.0, aim=None):
+    def wanted(self, done, trust=None, more=1.0):
         """The part of the error of a pass in the energy norm that the next mesh is made for.
 
         Parameters
@@ -193,8 +191,6 @@ class Decision:
             See :meth:`_trust`; absent: as the last meshes show it.
         more : float
             The error of the mesh in the energy norm that is cut over that of the pass.
-        aim : float, optional
-            Part of the target that it is made for; absent: `AIM`.
         """
         goal, share = self.aim, SHARE * self.aim
         stays = sum(done.parts.get(name, 0.0) for name in self._settings.staying)
@@ -205,23 +201,10 @@ class Decision:
         falls, loads = sum(done.parts.get(name, 0.0) for name in self._settings.falling), done.parts.get("loads", 0.0)
         falls -= loads if loads <= NOTICED * self._settings.goal else 0.0
         falls += (more**done.power - 1.0) * done.parts["mesh"]
-        part = min((aim or AIM) * max(goal - stays, share) / falls, 1.0)
+        part = min(AIM * max(goal - stays, share) / falls, 1.0)
         part = part ** (1.0 / (trust or self._trust(done)))
         # errors of quantities are products of two errors of the energy norm
         return part ** (1.0 / done.power)
-
-    def forecast(self, space, passes, squares, step):
-        """Forecast of what is to come, see :func:`pcontact.adapt.budget.forecast`, on meshes that begin with a step.
-        *Collective.*"""
-        done, whole = passes[-1], self._refining.whole and not step.divided
-        degree = degrees(space, whole)
-        if not step.divided:
-            aims = Aims(self.wanted(done), self.wanted(done, 1.0), self.wanted(done, 1.0, aim=1.0))
-            return forecast(space.comm, passes, squares, aims, whole, degree=degree)
-        parts = parts_of(space.mesh)
-        own = of_parts(squares, parts, space.dim, degree)
-        aims = Aims(*(self._wanted_divided(done, *how) for how in ((TRUST, AIM), (1.0, AIM), (1.0, 1.0))))
-        return forecast(space.comm, passes, own, aims, degree=degree, count=parts)
 
     def _trust(self, done):
         """The power of the error in the one that was expected of the last mesh: below 1 where solutions are singular,

@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
+from pcontact.adapt.budget import forecast
 from pcontact.adapt.decide import FAILED, REACHED, SPENT, Decision
 from pcontact.adapt.errors import Measures
 from pcontact.adapt.history import Beginning, Watch
@@ -219,7 +220,7 @@ class Loop:
             if status is None and self._looks_ahead:
                 # trials are among the seconds of a pass
                 done.seconds = clock.perf_counter() - begun
-                status = self._look_ahead(simulation, watch, done, step)
+                status = self._look_ahead(done)
             if status is None:
                 mesh, known, status = self._onward(simulation, watch, done, step)
             if status is not None and not self._looks_ahead:
@@ -288,15 +289,13 @@ class Loop:
             known = known._replace(every=False)
         return finer.mesh, known, None
 
-    def _look_ahead(self, simulation, watch, done, step):
-        """`SPENT` and a forecast where it has two passes to stand on, or the second is not small. *Collective.*"""
+    def _look_ahead(self, done):
+        """`SPENT` and a forecast where it has two passes to stand on, or the second is not small; else None."""
         growing = [one for one in self.passes if one.degree == done.degree]
-        _, first = step
         # one pass does not tell which of its seconds more unknowns take
-        more = len(growing) < 2 and first.cuts.growth * done.unknowns < FEW
-        if self._settings.degree.is_open or more:
+        if self._settings.degree.is_open or (len(growing) < 2 and done.next["unknowns"] < FEW):
             return None
-        self.ahead = self._decision.forecast(simulation.problem.space, growing, watch.squares, first)
+        self.ahead = forecast(growing, self._decision.aim)
         return SPENT
 
     def _tell(self, status):
