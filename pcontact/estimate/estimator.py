@@ -13,8 +13,7 @@ where s is g on loaded facets, P on surfaces of contact (on the target what the 
 cells one traction common to both: that of the stress averaged at the nodes. The mean of both sides' own tractions does
 as well in the plane, but not on tetrahedra of degree 1, where it makes the estimate three times the error. Where
 materials meet, each side has averages of its own, and a side takes of their difference the part that its stiffness is
-of the sum of both. No constant is left to choose. What no degree follows is found by problems on all cells around a
-vertex, see `pcontact.estimate.singular`. Integration by parts stands in for second derivatives:
+of the sum of both. No constant is left to choose. Integration by parts stands in for second derivatives:
 
     interior   f + div sigma   as   int_K f . v - sigma(u_h) : eps(v) + int_dK t . v
     jumps      s - t           on facets between cells, and both sides of tied surfaces
@@ -35,7 +34,6 @@ from pcontact.estimate.loads import Given
 from pcontact.estimate.local import energies, products
 from pcontact.estimate.points import INTERIOR, PARTS, number_of
 from pcontact.estimate.residuals import ContactResiduals, FacetResiduals, stiffness
-from pcontact.estimate.singular import AroundVertices, SingularPoints
 from pcontact.estimate.springs import Springs
 from pcontact.estimate.stress import BlockStress, softening
 from pcontact.estimate.tractions import Cells
@@ -80,17 +78,11 @@ class Tested(NamedTuple):
         Residuals of every block, but for what its cells' interiors add [force].
     surfaces : dict
         See :class:`Estimate`.
-    outer : list of (ndarray (n,), ndarray (n, nf, nq, d))
-        Of every block cells that have facets on the boundary, and g - t of all but contact there [stress].
-    pressed : list of ndarray (nc,) of bool
-        Cells of every block on which contact acts.
     """
 
     nodal: np.ndarray
     tested: list
     surfaces: dict
-    outer: list
-    pressed: list
 
 
 class Dual(NamedTuple):
@@ -149,8 +141,6 @@ class Estimator:
         self._facets = FacetResiduals(problem, pairs, self._springs, kept)
         self._exerted = ContactResiduals(problem, self.cells)
         self._interiors = Interiors(problem, self._springs, held, kept)
-        self._around = AroundVertices(problem, pairs, self._springs, held, self._interiors, self._facets.kinds, kept)
-        self._singular = SingularPoints(self.space, pairs, set(getattr(self._bulk, "states", {})))
         # what yields under the last displacement; and time, displacement and residuals (all parts together) of the last
         # call, with which a quantity of the same solution begins
         self._found, self._last = {}, None
@@ -173,25 +163,22 @@ class Estimator:
         known = self._tested(u, time, loads)
         self._remember(time, known)
         squares = [self._solve(number, known.nodal, time, t, loads) for number, t in enumerate(known.tested)]
-        whole = [own[:, -1] for own in squares]
-        self._singular.improve(whole, lambda *some: self._around(known, time, loads, *some))
         total = sum((s.sum(axis=0) for s in squares), np.zeros(len(PARTS) + 1))
         total = np.sqrt(space.comm.allreduce(total, op=MPI.SUM))
         parts = dict(zip(PARTS, total[:-1].tolist(), strict=True))
-        return Estimate(float(total[-1]), self.norm(u), parts, known.surfaces, [np.sqrt(own) for own in whole])
+        return Estimate(float(total[-1]), self.norm(u), parts, known.surfaces, [np.sqrt(own[:, -1]) for own in squares])
 
     def _tested(self, u, time, loads):
         """A :class:`Tested`. *Collective.*"""
         nodal, tested, surfaces = self.space.local.gather(u), self._untested(), {}
         self._found = {}
-        outer = self._facets.add(nodal, time, tested, self._bulk, loads, self._found)
-        pressed = [np.zeros(len(block.nodes), dtype=bool) for block in self.space.mesh.blocks]
+        self._facets.add(nodal, time, tested, self._bulk, loads, self._found)
         for contact in self._contacts:
             states = contact.states(u)
-            self._exerted.add(contact, states, tested, pressed)
+            self._exerted.add(contact, states, tested)
             if contact.contact.formulation == "nitsche":
                 surfaces[contact.name] = self._exerted.on_surface(contact, states)
-        return Tested(nodal, tested, surfaces, outer, pressed)
+        return Tested(nodal, tested, surfaces)
 
     def _remember(self, time, known):
         """Keep what a quantity of the same solution begins with, where it is not much."""

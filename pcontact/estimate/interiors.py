@@ -15,7 +15,7 @@ from pcontact.element.reference import CELLS, facet_nodes, shape, shape_gradient
 from pcontact.estimate.loads import force_density
 from pcontact.estimate.local import LocalFunctions, Moduli
 from pcontact.estimate.points import add_work, bubbles, supports
-from pcontact.estimate.stress import own_nodes, turned
+from pcontact.estimate.stress import own_nodes
 from pcontact.space.constraints import RigidGroup
 
 
@@ -75,7 +75,7 @@ class Volume(NamedTuple):
     radius : ndarray (n, nq) or None
     places : ndarray (n, nq, d)
         The points [length].
-    fixed : ndarray (n, nb, d) or None
+    fixed : ndarray (n, nb, d)
         Components of tests that supports hold.
     """
 
@@ -85,7 +85,7 @@ class Volume(NamedTuple):
     ring: np.ndarray
     radius: np.ndarray | None
     places: np.ndarray
-    fixed: np.ndarray | None
+    fixed: np.ndarray
 
 
 class Tables(NamedTuple):
@@ -158,13 +158,12 @@ class Interiors:
         for rows in chunks(self._space, number, tables.test_slopes.size + tables.slopes.size):
             yield rows, self._kept(("cells", number, rows.start), partial(self.volume, number, rows, tables))
 
-    def volume(self, number, rows, tables, corners=None):
-        """A :class:`Volume` of some cells of a block, from :class:`Tables`; with corners (n,) of the plane cells that
-        count as the first, without what is fixed."""
+    def volume(self, number, rows, tables):
+        """A :class:`Volume` of some cells of a block, from :class:`Tables`."""
         space, block, xi = self._space, self._space.mesh.blocks[number], tables.xi
         table, geometry_degree = space.mesh.geometry_nodes(block)
         dgeo = np.ascontiguousarray(shape_gradient(block.cell, geometry_degree, xi))
-        x = np.ascontiguousarray(space.mesh.points[turned(table[rows], corners)])
+        x = np.ascontiguousarray(space.mesh.points[table[rows]])
         places, jxw, radius = shape(block.cell, geometry_degree, xi) @ x, np.empty((len(x), len(xi))), None
         grad = np.empty((len(x), *tables.slopes.shape))
         test = np.empty((len(x), *tables.test_slopes.shape))
@@ -175,8 +174,7 @@ class Interiors:
             radius = np.ascontiguousarray(places[:, :, 0])
             jxw *= 2.0 * np.pi * radius
             ring = np.ascontiguousarray(hoop_operator(tables.tests, radius))
-        fixed = self._held.of_tests(number, rows) if corners is None else None
-        return Volume(grad, test, jxw, ring, radius, places, fixed)
+        return Volume(grad, test, jxw, ring, radius, places, self._held.of_tests(number, rows))
 
     def local(self, block, volume):
         """Test functions and moduli of the local problems of some cells of a block."""

@@ -230,24 +230,6 @@ def _without(matrix, fixed, c, d):
 
 
 @njit
-def stiffnesses(functions, moduli, out):
-    """Stiffness of the test functions of every cell.
-
-    Parameters
-    ----------
-    functions, moduli
-        As for :func:`energies`.
-    out : ndarray (nc, nb d, nb d)
-        Output [force / length].
-    """
-    for c in range(out.shape[0]):
-        _assemble(functions, c, moduli, out[c])
-        for a in range(out.shape[1]):
-            for b in range(a):
-                out[c, b, a] = out[c, a, b]
-
-
-@njit
 def products(functions, moduli, softening, bound, loads, others, fixed, out):
     """Energy products of the solutions of two local problems on every cell, and energies of the second one.
 

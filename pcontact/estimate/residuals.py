@@ -220,13 +220,8 @@ class FacetResiduals:
         loads : list of pcontact.estimate.loads.Given or pcontact.estimate.loads.Spread
         found : dict, optional
             As of :class:`pcontact.estimate.stress.BlockStress`.
-
-        Returns
-        -------
-        list of (ndarray (n,), ndarray (n, nf, nq, d))
-            Of every block cells that have facets on the boundary, and g - t of all but contact there [stress].
         """
-        pairs, result = self._pairs, []
+        pairs = self._pairs
         own = [self._tractions(number, nodal, bulk, found) for number in range(len(self._space.mesh.blocks))]
         flux = self._flux(nodal, own, bulk, found)
         for number, (traction, normal, jxw) in enumerate(own):
@@ -236,9 +231,6 @@ class FacetResiduals:
             self._springs.add(number, nodal, outer, traction, normal)
             sides = Sides(traction, flux, pairs.other, self._share[number])
             self._test(number, sides, outer, jxw, tested[number])
-            rows, parts = outer
-            result.append((rows, sum(parts.values(), np.zeros_like(traction[rows]))))
-        return result
 
     def _tractions(self, number, nodal, bulk, found):
         """sigma n (nc, nf, nq, d) and quadrature weights (nc, nf, nq), normals (nc, nf, nq, d) of a block's facets."""
@@ -354,7 +346,7 @@ class ContactResiduals:
     def __init__(self, problem, cells):
         self._space, self._bulk, self._cells = problem.space, problem.bulk, cells
 
-    def add(self, contact, states, tested, pressed):
+    def add(self, contact, states, tested):
         """Add the tractions of a contact. *Collective.*
 
         Parameters
@@ -364,8 +356,6 @@ class ContactResiduals:
             Of its pairs.
         tested : list of ndarray (nc, n_parts, nb, d)
             Residuals of every block [force]; changed.
-        pressed : list of ndarray (nc,) of bool
-            Cells of every block on which contact acts; changed.
         """
         normal_part, across_part = parts_of(contact)
         for pair, state in zip(contact.pairs, states, strict=True):
@@ -373,7 +363,6 @@ class ContactResiduals:
             if not pair.rigid:
                 sides.append(on_target(self._space, pair, state, self._cells, contact.weight))
             for number, forces in ((n, f) for side in sides for n, f in side.items()):
-                pressed[number][forces.rows[forces.force.any(axis=1)]] = True
                 values = tests_of(self._space, number, forces.xi)
                 along = np.sum(forces.force * forces.normal, axis=1)[:, None] * forces.normal
                 for part, force in ((normal_part, along), (across_part, forces.force - along)):

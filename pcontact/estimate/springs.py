@@ -8,12 +8,11 @@ import numpy as np
 
 from pcontact.assembly.patches import kind_of
 from pcontact.element.geometry import facet_geometry
-from pcontact.element.reference import CELLS, facet_points, shape
+from pcontact.element.reference import facet_points, shape
 from pcontact.estimate.facets import facet_rule
 from pcontact.estimate.local import Bound
 from pcontact.estimate.points import NEUMANN, bubbles
 from pcontact.estimate.stress import own_nodes
-from pcontact.estimate.toward import side_rule, sides
 
 
 class Springs:
@@ -117,37 +116,6 @@ class Springs:
             matrices.append(own)
         return Bound(at, np.concatenate(matrices))
 
-    def around(self, number, rows, corners, half, functions):
-        """Addend of springs to the stiffness (n, m, m) of functions around corners of plane cells.
-
-        Parameters
-        ----------
-        number : int
-        rows, corners : ndarray (n,) of int
-            Cells, and which of their corners counts as the first.
-        half : int
-            See `pcontact.estimate.toward.n_halves`.
-        functions : (ndarray (nq, nb), ndarray (n, nq))
-            Those of `pcontact.estimate.toward`, and weights of the points of the cells.
-        """
-        space, block, (tests, jxw) = self._space, self._space.mesh.blocks[number], functions
-        result = np.zeros((len(rows), tests.shape[1] * space.dim, tests.shape[1] * space.dim))
-        (table, geometry_degree), count = space.mesh.geometry_nodes(block), len(CELLS[block.cell].facets)
-        for spring, cells, local in self.facets(number):
-            known = count * cells + local
-            for side, facet in sides(block.cell, half):
-                at, (xi, weights, values) = (corners + facet) % count, side_rule(side)
-                some = np.flatnonzero(np.isin(count * rows + at, known))
-                x = space.mesh.points[table[rows[some]]]
-                place = facet_geometry(block.cell, x, at[some], geometry_degree, space.degree, xi, weights)
-                weight = place.jxw * space.circumference(place.points)
-                tensor = weight[:, :, None, None] * spring.tensor(place.normals)
-                result[some] += _stretched(tensor, values).reshape(len(some), *result.shape[1:])
-        for spring, chosen in self._cells(number):
-            tensor = (chosen[rows][:, None] * jxw)[:, :, None, None] * spring.tensor(None)
-            result += _stretched(tensor, tests).reshape(result.shape)
-        return result
-
     def _on_facets(self, number):
         """:class:`Bound` of all cells of a block, by springs on facets."""
         space, block = self._space, self._space.mesh.blocks[number]
@@ -170,11 +138,3 @@ class Springs:
             own = np.einsum("fq,fqa,fqb,fqij->faibj", jxw, values, values, tensor, optimize=True)
             np.add.at(matrices, at[cells], own.reshape(len(cells), n, n))
         return Bound(at, matrices)
-
-
-def _stretched(tensor, values):
-    """Work (n, nb, d, nb, d) of springs of stiffnesses (n, nq, d, d) at points, for functions (nq, nb) there."""
-    (n, nq, d, _), nb = tensor.shape, values.shape[1]
-    products = (values[:, :, None] * values[:, None, :]).reshape(nq, nb * nb)
-    work = tensor.transpose(0, 2, 3, 1).reshape(n * d * d, nq) @ products
-    return work.reshape(n, d, d, nb, nb).transpose(0, 3, 1, 4, 2)

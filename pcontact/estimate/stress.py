@@ -10,7 +10,6 @@ sigma_dev = 2 mu_s eps_dev with
 They are those of elasticity where nothing has yielded, and positive where the tangent of perfect plasticity is not.
 """
 
-from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -137,22 +136,6 @@ def own_nodes(space, number):
     return space.cells[number][:, : n_nodes(block.cell, space.degree_of(block))]
 
 
-def turned(nodes, corners):
-    """Nodes (nc, nn) of triangles or quadrilaterals, counted from the corners (nc,) on; None: as they are."""
-    if corners is None:
-        return nodes
-    return nodes[np.arange(len(nodes))[:, None], _orders(nodes.shape[1])[corners]]
-
-
-@cache
-def _orders(nn):
-    """Columns (count, nn) of nodes of cells with so many corners, from each corner on."""
-    count = 3 if nn in (3, 6) else 4
-    order = (np.arange(count)[:, None] + np.arange(count)) % count
-    # midside nodes go round with the vertices, the one in the middle stays
-    return np.hstack([order, order + count, np.full((count, 1), 2 * count)])[:, :nn]
-
-
 class BlockStress:
     """Stress of some cells of a block under a displacement.
 
@@ -168,8 +151,6 @@ class BlockStress:
     nodal : ndarray (n_local, d)
     found : dict, optional
         Of the displacement: what is found of cells that have yielded, for others that ask for the same.
-    corners : ndarray (nc,) of int, optional
-        Which corners of the cells, which are plane and do not yield, count as the first; absent: the first ones.
 
     Attributes
     ----------
@@ -177,14 +158,14 @@ class BlockStress:
         Displacement at the nodes of the cells.
     """
 
-    def __init__(self, space, bulk, number, rows, nodal, found=None, corners=None):
+    def __init__(self, space, bulk, number, rows, nodal, found=None):
         block = space.mesh.blocks[number]
         self.space, self.block, self.degree = space, block, space.degree_of(block)
         law = bulk.materials[block.body]
         self.lam, self.mu = law.constants
-        self.u = nodal[turned(own_nodes(space, number)[rows], corners)]
+        self.u = nodal[own_nodes(space, number)[rows]]
         self._table, self._geometry = space.mesh.geometry_nodes(block)
-        self._number, self._rows, self._corners = number, rows, corners
+        self._number, self._rows = number, rows
         averaged = space.averages(block)
         self.own, shared = factors(self.lam, self.mu, averaged, self.degree)
         self.shared = None
@@ -263,7 +244,7 @@ class BlockStress:
 
     def _x(self):
         """Geometry nodes (nc, ng, d) of the cells [length]."""
-        return self.space.mesh.points[turned(self._table[self._rows], self._corners)]
+        return self.space.mesh.points[self._table[self._rows]]
 
     def _places(self, xi):
         """Points (nc, nq, d) of the cells [length]."""
