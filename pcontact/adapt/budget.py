@@ -50,14 +50,8 @@ class Budgeted:
         self.given = budget.unknowns is not None or budget.time is not None
 
     def most(self, passes, elapsed):
-        """Growth of the unknowns of the last pass that the next one may have at most.
-
-        Parameters
-        ----------
-        passes : list of pcontact.adapt.passes.Pass
-        elapsed : float
-            Since the beginning [s].
-        """
+        """Growth of the unknowns of the last pass that the next one may have at most, so many seconds after the
+        beginning."""
         done = passes[-1]
         limits = {"unknowns": np.inf, "memory": np.inf, "time": np.inf}
         if self._unknowns is not None:
@@ -108,18 +102,8 @@ class Forecast(NamedTuple):
 
 
 def forecast(passes, error):
-    """The passes that bring an error, which falls on all meshes to come as it is planned for the next one.
-
-    Parameters
-    ----------
-    passes : list of pcontact.adapt.passes.Pass
-        Of one degree, at least one; the last one says what is planned.
-    error : float
-
-    Returns
-    -------
-    Forecast
-    """
+    """The passes (of one degree, at least one) that bring an error, which falls on all meshes to come as it is planned
+    for the next one: a :class:`Forecast`."""
     last, unknowns = passes[-1], [float(one.unknowns) for one in passes]
     # neighbours of cells that are cut follow
     growth, part = FOLLOWERS * last.next["unknowns"] / last.unknowns, last.next["mesh"] / last.parts["mesh"]

@@ -163,16 +163,8 @@ class Decision:
         return self._spent(f"the budget is spent ({self._budget.by})")[0]
 
     def fits(self, unknowns, done, step):
-        """Return True if a mesh after a pass is within the budget, and the growth of cells to try in its place or None.
-
-        Parameters
-        ----------
-        unknowns : float
-            That it has.
-        done : pcontact.adapt.passes.Pass
-        step : pcontact.adapt.refining.Step
-            That has made it.
-        """
+        """Return True if a mesh with so many unknowns after a pass, which a step has made, is within the budget, and
+        the growth of cells to try in its place or None."""
         grown, most = unknowns / done.unknowns, self.most
         self._budget.learn(grown, step.cuts.growth)
         fits, limited = grown <= most, step.cuts.growth > FULL * self._asked and step.cuts.part > self.wanted(done)
@@ -184,13 +176,8 @@ class Decision:
     def wanted(self, done, trust=None, more=1.0):
         """The part of the error of a pass in the energy norm that the next mesh is made for.
 
-        Parameters
-        ----------
-        done : pcontact.adapt.passes.Pass
-        trust : float, optional
-            See :meth:`_trust`; absent: as the last meshes show it.
-        more : float
-            The error of the mesh in the energy norm that is cut over that of the pass.
+        `trust` is that of :meth:`_trust` (absent: as the last meshes show it), `more` the error in the energy norm of
+        the mesh that is cut over that of the pass.
         """
         goal, share = self.aim, SHARE * self.aim
         stays = sum(done.parts.get(name, 0.0) for name in self._settings.staying)

@@ -122,20 +122,9 @@ def vertex_sizes(points):
 
 
 def around_vertices(space, squares):
-    """The largest squared estimate of the tetrahedra around the vertices of a mesh, and their size. *Collective.*
-
-    Parameters
-    ----------
-    space : pcontact.space.space.Space
-    squares : ndarray (n_cells,)
-
-    Returns
-    -------
-    ndarray (n_nodes, 4)
-        Of all nodes of the mesh of this rank: the largest square, a length that goes with the size of the largest
-        cells, a mark of the node that no interpolation gives, and 0 for the power that is found; zeros where it is no
-        vertex.
-    """
+    """What there is around the vertices of a mesh of tetrahedra, (n_nodes, 4) for all nodes of the mesh of this rank,
+    from the squared estimates of its cells: the largest square, the size of cells, a mark of the node that no
+    interpolation gives, and room for a power; zeros where the node is no vertex. *Collective.*"""
     mesh, vertices, sums = space.mesh, space_vertices(space), np.zeros((space.n_local, space.dim))
     volumes = vertex_sizes(mesh.points[vertices_of(mesh)]) ** 3
     # nearly the largest one: how many cells there are around a vertex differs from mesh to mesh
@@ -161,19 +150,11 @@ def with_middles(mesh, found):
 
 
 def powers(now, before):
-    """With which squares around nodes have fallen where an edge may be singular.
+    """Power (n_nodes,) with which squares around nodes have fallen where an edge may be singular, 0 where there is
+    none, and whether it is a node of the last mesh, too: others may have the power of a neighbour.
 
-    Parameters
-    ----------
-    now, before : ndarray (n_nodes, 4)
-        Of :func:`around_vertices`, on this mesh and on the last one, `before` interpolated, with the powers there.
-
-    Returns
-    -------
-    power : ndarray (n_nodes,)
-        0 where there is none.
-    surely : ndarray (n_nodes,) of bool
-        Whether it is a node of the last mesh, too: others may have the power of a neighbour.
+    `now` and `before` (n_nodes, 4) are those of :func:`around_vertices`, on this mesh and on the last one, `before`
+    interpolated, with the powers there.
     """
     told = (now[:, :2] > 0.0).all(axis=1) & (before[:, :2] > 0.0).all(axis=1)
     told[told] = before[told, 1] > FINER * now[told, 1]
@@ -274,27 +255,11 @@ def touching(space, found, power, smooth):
 
 
 def look(space, squares, before, smooth):
-    """Edges as a mesh tells them. *Collective.*
+    """Edges as a mesh of tetrahedra tells them, from squared estimates of cells, what the last mesh has told (n_nodes,
+    4), interpolated, or None, and 2 p + 3 of the cells. *Collective.*
 
-    Parameters
-    ----------
-    space : pcontact.space.space.Space
-        Of tetrahedra.
-    squares : ndarray (n_cells,)
-        Squared estimates.
-    before : ndarray (n_nodes, 4) or None
-        What the last mesh has told, interpolated.
-    smooth : ndarray (n_cells,)
-        2 p + 3 of the cells.
-
-    Returns
-    -------
-    edges : Edges or None
-        None where there are none.
-    around : ndarray (n_nodes, 4)
-        To be interpolated for the next mesh.
-    most : bool
-        Whether cells on edges have most of the squared estimate.
+    Returns :class:`Edges` or None, what is to be interpolated for the next mesh, and whether cells on edges have most
+    of the squared estimate.
     """
     now, edges, most = around_vertices(space, squares), None, False
     if before is not None:
@@ -374,16 +339,9 @@ def front_of(space, contact, u, squares):
 
 
 def _crossed(mesh, first, points):
-    """Cells, facets in them and ends of the edge, as of :class:`Front`, of the facets that have some points.
-
-    Parameters
-    ----------
-    mesh : pcontact.mesh.mesh.Mesh
-    first : ndarray (n_blocks + 1,)
-        Cells before those of a block.
-    points : tuple of ndarray
-        Block, cell, local facet of each (n,), place (n, 3), whether it is closed, and area.
-    """
+    """Cells, facets in them and ends of the edge, as of :class:`Front`, of the facets that have some points. `first`:
+    cells before those of a block; `points`: block, cell, local facet of each (n,), place (n, 3), whether it is closed,
+    and area."""
     block, cell, local, x, closed, weight = points
     table, index = np.unique(np.column_stack([block, cell, local]).astype(np.int64), axis=0, return_inverse=True)
     index = index.ravel()
@@ -401,16 +359,8 @@ def _crossed(mesh, first, points):
 
 
 def at_corners(facet, corners, x, values, weight):
-    """Values (nf, 3) at the corners of triangles of the linear functions that are nearest to values at points.
-
-    Parameters
-    ----------
-    facet : ndarray (n,) of int
-        Triangle of each point.
-    corners : ndarray (nf, 3, 3)
-        [length]
-    x, values, weight : ndarray (n, 3), (n,), (n,)
-    """
+    """Values (nf, 3) at the corners (nf, 3, 3) of triangles of the linear functions that are nearest to values (n,) at
+    points `x` (n, 3) with weights (n,), each of a facet."""
     sides = corners[:, 1:] - corners[:, :1]
     inverse = np.linalg.pinv(sides.transpose(0, 2, 1))
     at = np.einsum("pkd,pd->pk", inverse[facet], x - corners[facet, 0])
@@ -439,21 +389,8 @@ def zero_line(values):
 
 
 def look_at_front(space, front, smooth):
-    """Relation of cells to the edge of what is closed. *Collective.*
-
-    Parameters
-    ----------
-    space : pcontact.space.space.Space
-        Of tetrahedra.
-    front : Front
-    smooth : ndarray (n_cells,)
-        2 p + 3 of the cells.
-
-    Returns
-    -------
-    pcontact.adapt.edges.Edges or None
-        None where there is none, or where it has little of the squares.
-    """
+    """Relation of cells (2 p + 3 of each in `smooth`) to a :class:`Front`; None where there is none, or where it has
+    little of the squares. *Collective.*"""
     vertices = vertices_of(space.mesh)
     corners = np.array([facet[:3] for facet in CELLS[NAME].facets])[front.local]
     own = space_vertices(space)

@@ -70,15 +70,8 @@ def unseen(space):
 
 
 def part_of(coarse, fine, change):
-    """The part of the error that estimates are, at most 1.
-
-    Parameters
-    ----------
-    coarse, fine : float
-        Estimates on both meshes [sqrt(energy)].
-    change : float
-        Energy norm of the difference of the displacements [sqrt(energy)].
-    """
+    """The part of the error that estimates on a coarse and a fine mesh are, at most 1, from the energy norm of the
+    change of the displacements."""
     if not (coarse > 0.0 and change > 0.0):
         return 1.0
     return float(np.clip(coarse * np.sqrt(1.0 - min(fine / coarse, ALIKE) ** 2) / change, LEAST, 1.0))
@@ -88,19 +81,10 @@ def between(simulation, before, coarse, steps=0.0):
     """The part that the last two passes have seen, None where load steps may have changed as much as meshes, and the
     energy norm of what meshes have changed [sqrt(energy)]. *Collective.*
 
-    Errors of load steps do not only become smaller when there are more of them: each step leaves its own trace in
-    bodies that yield, where the edge of the contact was at its end.
-
-    Parameters
-    ----------
-    simulation : pcontact.simulation.Simulation
-        Of the finer mesh, that has run.
-    before : ndarray (n_owned, d)
-        Displacement on the coarser mesh [length].
-    coarse : float
-        The estimate there [sqrt(energy)].
-    steps : float
-        Errors of the load steps of both, where these are others [sqrt(energy)].
+    `simulation` is that of the finer mesh, `before` (n_owned, d) and `coarse` are displacement and estimate on the
+    coarser one. Errors of load steps do not only become smaller when there are more of them: each step leaves its own
+    trace in bodies that yield, where the edge of the contact was at its end. `steps`: those of both, where these are
+    others.
     """
     size = simulation.error_estimate.norm(beyond(simulation, before.ravel()))
     if steps**2 > AGREE * size**2:
@@ -139,36 +123,16 @@ class State(NamedTuple):
 
 
 def fallen(coarse, fine):
-    """The error of a quantity on a finer mesh, over that on a coarser one; see the head of this module.
-
-    Parameters
-    ----------
-    coarse, fine : State
-
-    Returns
-    -------
-    float
-        At most the square of `ALIKE`.
-    """
+    """The error of a quantity on a finer mesh over that on a coarser one (:class:`State`), at most the square of
+    `ALIKE`; see the head of this module."""
     square = (fine.estimate / coarse.estimate) ** 2 if coarse.estimate > 0.0 else 0.0
     best = (coarse.unknowns / fine.unknowns) ** (2.0 * fine.degree / fine.dim)
     return min(max(square, best), ALIKE**2)
 
 
 def left_after(coarse, fine):
-    """The error of a quantity on the finer of two meshes, with its sign.
-
-    Of what the change says and of what is left of the error on the coarser mesh the larger one: changes may be small by
-    chance.
-
-    Parameters
-    ----------
-    coarse, fine : State
-
-    Returns
-    -------
-    float
-    """
+    """The error of a quantity on the finer of two meshes, with its sign: of what the change says and of what is left of
+    the error on the coarser mesh the larger one, as changes may be small by chance."""
     part = fallen(coarse, fine)
     return max((fine.value - coarse.value) * part / (1.0 - part), coarse.left * part, key=abs)
 
@@ -198,13 +162,7 @@ class Effectivity:
         """The part of the error of the displacement that the estimate is seen to be, and what is known of it beyond
         that: a :class:`Range`. *Collective.*
 
-        Parameters
-        ----------
-        simulation : pcontact.simulation.Simulation
-            That has run.
-        watch : pcontact.adapt.history.Watch
-        steps : float
-            Errors of the load steps of this pass and the last one, where these are others [sqrt(energy)].
+        `steps`: errors of the load steps of this pass and the last one, where these are others [sqrt(energy)].
         """
         own, space, old = simulation.error_estimate.over_steps, simulation.problem.space, self._before
         self._before = own, space.degree
@@ -226,20 +184,12 @@ class Effectivity:
         return Range(*QUANTITY, f"{self._target.quantity} by a dual problem", dim)
 
     def error(self, simulation, found):
-        """The error of a quantity, with its sign. *Collective.*
+        """The error of a quantity, with its sign, from a :class:`pcontact.estimate.goal.GoalError`: what is left of it,
+        and what is likely. *Collective.*
 
-        Parameters
-        ----------
-        simulation : pcontact.simulation.Simulation
-            That has run.
-        found : pcontact.estimate.goal.GoalError
-
-        Returns
-        -------
-        left, likely : float
-            That of the dual problem, twice. Where it has not foretold how the quantity changed from the last mesh, the
-            larger one of it and :func:`left_after` is what is `left`; so where bodies yield, whatever it has foretold,
-            for both.
+        Both are that of the dual problem. Where it has not foretold how the quantity changed from the last mesh, the
+        larger one of it and :func:`left_after` is what is left; so where bodies yield, whatever it has foretold, for
+        both.
         """
         dual = likely = found.error
         if self._target.quantity == "pressure":

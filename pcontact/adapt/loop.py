@@ -140,19 +140,7 @@ class Loop:
         return simulation, watch, converged
 
     def run(self, directory=None, said="command line: -o"):
-        """All passes. *Collective.*
-
-        Parameters
-        ----------
-        directory : str or pathlib.Path, optional
-            Where the results of the best pass go.
-        said : str
-            Where the user names it, for messages.
-
-        Returns
-        -------
-        Outcome
-        """
+        """All passes: an :class:`Outcome`; `said` is where the user names the directory of results. *Collective.*"""
         directory, self._where = None if directory is None else Path(directory), said
         if self.target.pictures:
             on_root(self.comm, extra.require)
@@ -178,13 +166,10 @@ class Loop:
         return Outcome(status, self._kept, failure, self._section)
 
     def forecast(self):
-        """Forecast of what the target would take, from the first one or two passes. *Collective.*
+        """Forecast of what the target would take, from the first one or two passes: an :class:`Outcome`, whose `kept`
+        is that of the last pass. *Collective.*
 
-        Returns
-        -------
-        Outcome
-            Its `kept` is that of the last pass; :attr:`ahead` is the forecast, None where these passes were enough or
-            did not end.
+        :attr:`ahead` is the forecast, None where these passes were enough or did not end.
         """
         self._looks_ahead, self._where = True, ""
         status, failure = self._passes(None)

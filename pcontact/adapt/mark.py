@@ -116,19 +116,8 @@ def next_cuts(comm, errors, part, most=np.inf, known=False):
 
 
 def halvings(errors, part, most=np.inf):
-    """Cuts of all cells alike that leave a part of the error.
-
-    Parameters
-    ----------
-    errors : Contributions
-    part, most : float
-        As of :func:`cuts`.
-
-    Returns
-    -------
-    Cuts
-        Of growth 1 where one halving is too much.
-    """
+    """Cuts of all cells alike that leave a part of the error, as of :func:`cuts`; of growth 1 where one halving is too
+    much."""
     number = max(int(np.ceil(np.log2(1.0 / part) / errors.degree - ROUNDED)), 1)
     while number and 2.0 ** (errors.dim * number) > most:
         number -= 1
@@ -199,25 +188,11 @@ def cuts(comm, errors, part, most=np.inf, least=0.0):
 
 
 def _toward_edges(comm, errors, scale, more, sums):
-    """Cuts of a scale where cells have singular edges. *Collective.*
+    """Cuts of a scale, the squares that other cells are to have, where cells have singular edges; `more` (n,):
+    bisections of others, `sums`: sum of the squares, and number of the cells of all ranks. *Collective.*
 
     A halving of the cells on an edge leaves 2^(1 - e) of their squares, of which there are twice as many, and makes
     `COST` cells: with the fewest cells, theirs are so much larger than those of others.
-
-    Parameters
-    ----------
-    comm : MPI.Comm
-    errors : Contributions
-    scale : float
-        Squares that other cells are to have.
-    more : ndarray (n,) of int
-        Bisections of others.
-    sums : tuple of float
-        Sum of the squares, and number of the cells of all ranks.
-
-    Returns
-    -------
-    Cuts
     """
     squares, dim, on = errors.squares, errors.dim, np.flatnonzero(errors.touches)
     degree = np.broadcast_to(errors.degree, len(squares))
@@ -307,24 +282,8 @@ class Choice:
         self._comm, self.made = comm, None
 
     def divides(self, scene, space, last, squares, fits=True):
-        """Return True if a mesh is divided. *Collective.*
-
-        Parameters
-        ----------
-        scene : pcontact.scene.model.Scene
-        space : pcontact.space.space.Space
-            On a mesh of cells that can be halved.
-        last : pcontact.adapt.passes.Pass
-            On it.
-        squares : ndarray (n_cells,)
-            What its cells have in the squared error.
-        fits : bool
-            Whether the budget allows the cells to be halved.
-
-        Returns
-        -------
-        bool
-        """
+        """Return True if a mesh of cells that can be halved is divided, from what its cells have in the squared error
+        of the last pass; `fits`: whether the budget allows the cells to be halved. *Collective.*"""
         mesh, dim, degree = space.mesh, space.dim, last.degree
         stiff, name = locking(scene, degree), NAMES[dim]
         kinds = self._kinds(mesh)

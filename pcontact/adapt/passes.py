@@ -176,13 +176,7 @@ def said_of(part):
 
 
 def line(passes, target):
-    """A line for the terminal: the last pass, and what has most of its error.
-
-    Parameters
-    ----------
-    passes : list of Pass
-    target : pcontact.scene.target.Target
-    """
+    """A line for the terminal: the last pass, and what has most of its error."""
     last = passes[-1]
     parts = ", ".join(f"{name.replace('_', ' ')} {100.0 * value:.2g} %" for name, value in last.parts.items()
                       if value > 0.0)  # fmt: skip
@@ -193,17 +187,8 @@ def line(passes, target):
 
 
 def ended(passes, number, target, why):
-    """The last line: what has been found, how exactly, for what, and what half the error would take.
-
-    Parameters
-    ----------
-    passes : list of Pass
-    number : int
-        Of the best one, from 1.
-    target : pcontact.scene.target.Target
-    why : str
-        Why there is no other pass.
-    """
+    """The last line: what has been found on the best pass (its number, from 1), how exactly, for what, what half the
+    error would take, and why there is no other pass."""
     best, seconds = passes[number - 1], sum(one.seconds for one in passes)
     found = ", ".join(_found(one) for one in best.each or [best])
     half = seconds + cost_of(passes, 0.5 * best.error)["seconds"]
@@ -221,16 +206,7 @@ def _found(done):
 
 
 def report(passes, number, target, reached):
-    """Section `accuracy` of the report.
-
-    Parameters
-    ----------
-    passes : list of Pass
-    number : int
-        Of the one whose answer is given, from 1.
-    target : pcontact.scene.target.Target
-    reached : bool
-    """
+    """Section `accuracy` of the report, of the pass of a number, from 1, whose answer is given."""
     best = passes[number - 1]
     return {
         "target": {"error": BEST if target.best else target.error, "of": target.of}, "reached": reached,

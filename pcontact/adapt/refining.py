@@ -116,40 +116,16 @@ class Refining:
 
     def look(self, space, watch, alike=True):
         """Singular points as the last mesh tells them, see :meth:`pcontact.adapt.singularities.Corners.look`.
-        *Collective.*
-
-        Parameters
-        ----------
-        space : pcontact.space.space.Space
-        watch : pcontact.adapt.history.Watch
-        alike : bool
-        """
+        *Collective.*"""
         return self.corners.look(space, watch.squares if watch.energies is None else watch.energies, alike,
                                  watch.pressure)  # fmt: skip
 
     def step(self, space, squares, seen, wanted, most, known, divided=False):
-        """Way to cut the cells. *Collective.*
+        """Way to cut the cells of the last pass: a :class:`Step`. *Collective.*
 
-        Parameters
-        ----------
-        space : pcontact.space.space.Space
-            Of the last pass.
-        squares : ndarray (n_cells,)
-            What they have in the squared error.
-        seen : tuple
-            Of :meth:`look`.
-        wanted : float
-            The part of the error in the energy norm to be left; where cells are divided of that of the simplices.
-        most : float
-            Growth of the number of cells at most.
-        known : bool
-            Whether the rate is known at which the error falls.
-        divided : bool
-            Whether cells are divided first.
-
-        Returns
-        -------
-        Step
+        `squares` is what they have in the squared error, `seen` that of :meth:`look`, `wanted` the part of the error in
+        the energy norm to be left (where cells are `divided` first, of that of the simplices), `most` the growth of the
+        number of cells at most, `known` whether the rate is known at which the error falls.
         """
         power, rise, around = seen
         degree, dim = degrees(space, self.whole and not divided), space.dim

@@ -106,16 +106,8 @@ def rounded(space):
 
 
 def at_places(space, u, places):
-    """A displacement on rounded cells, at the places of straight ones, to first order: (n_owned d,). *Collective.*
-
-    Parameters
-    ----------
-    space : pcontact.space.space.Space
-        Of degree 2, on a mesh of :func:`rounded`.
-    u : PETSc.Vec
-    places : ndarray (n_nodes, d)
-        Of the nodes of the straight mesh [length].
-    """
+    """A displacement on cells of :func:`rounded`, at the places (n_nodes, d) of the nodes of straight ones, to first
+    order: (n_owned d,). *Collective.*"""
     nodal, mesh = space.local.gather(u), space.mesh
     change, count = np.zeros((2, space.n_local, space.dim))
     for block, cells in zip(mesh.blocks, space.cells, strict=True):
@@ -355,20 +347,10 @@ class Secondary:
         return self._told is not None
 
     def parts(self, simulation, watch, done, size, last=False):
-        """Them, relative, by what brings them about, and what finer settings change in a number, with its sign: those
-        of facets alone until a pass is near the target. *Collective.*
+        """Them, relative to a size, by what brings them about, and what finer settings change in a number, with its
+        sign: those of facets alone until a pass is near the target, or there is no further pass (`last`). *Collective.*
 
-        Parameters
-        ----------
-        simulation : pcontact.simulation.Simulation
-            That has run; its files are closed where they are measured.
-        watch : pcontact.adapt.history.Watch
-        done : pcontact.adapt.passes.Pass
-            With the part of the mesh; its `trials` are set.
-        size : float
-            What errors are divided by.
-        last : bool
-            Whether there is no further pass.
+        The simulation has run; its files are closed where they are measured. The `trials` of the pass are set.
         """
         begun, told, self._finer = clock.perf_counter(), self._told, None
         # what is large is measured again: where it is all that misses the target, or much of what does

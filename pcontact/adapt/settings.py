@@ -101,19 +101,8 @@ class Degree:
 
     def choose(self, done, error, most):
         """Choose by a pass of degree 1 that has missed an error: 2, unless finer cells of degree 1 reach it with fewer
-        entries of the tangent than degree 2 takes on the same mesh, or there is no room.
-
-        Parameters
-        ----------
-        done : pcontact.adapt.passes.Pass
-        error : float
-        most : float
-            Growth of the unknowns that the budget allows.
-
-        Returns
-        -------
-        int
-        """
+        entries of the tangent than degree 2 takes on the same mesh, or there is no room (`most`: growth of the unknowns
+        that the budget allows)."""
         dim = done.known.dim
         growth = max(done.expected / error, 1.0) ** (dim / done.power)
         if 2.0**dim > most:
@@ -185,12 +174,7 @@ class Settings:
 
     def keep_sources(self, contacts):
         """Take the sources that a run has chosen for contacts of two surfaces: on finer meshes the other one may have
-        the smaller facets, and forces would change their signs.
-
-        Parameters
-        ----------
-        contacts : list of pcontact.contact.report.ContactReport
-        """
+        the smaller facets, and forces would change their signs."""
         chosen = {one.name: one.contact for one in contacts}
         own = [one if one.surfaces is None else replace(one, surfaces=None, **{
             key: getattr(chosen[one.name], key) for key in ("name", "source", "target", "unbiased")
@@ -209,15 +193,10 @@ class Settings:
             self.goal = max(THIRD * done.error, SMALLEST)
 
     def balance(self, done, aim):
-        """Spend on load steps, searches and tolerances where a pass says that they are large beside what is wanted.
+        """Spend on load steps, searches and tolerances where a pass says that they are large beside the error that the
+        next mesh is made for.
 
         Load steps end at the corners of amplitudes: as many are planned as there is room for between these.
-
-        Parameters
-        ----------
-        done : pcontact.adapt.passes.Pass
-        aim : float
-            The error that the next mesh is made for.
         """
         parts = {name: done.parts.get(name, 0.0) for name in ("load_steps", "frozen_partners", "quadrature")}
         if sum(parts.values()) > THIRD * aim:

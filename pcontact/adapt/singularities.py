@@ -138,23 +138,12 @@ def around_vertices(space, squares):
 
 
 def powers(space, now, before, pressure=None):
-    """With which the squares around the nodes of a mesh have fallen. *Collective.*
+    """Power (n_nodes,) with which the squares around the nodes of a mesh of triangles have fallen, that of smooth
+    solutions where there is no singular point, and sizes of cells of the last mesh over those of now, 1 where nothing
+    is told. *Collective.*
 
-    Parameters
-    ----------
-    space : pcontact.space.space.Space
-        Of triangles.
-    now, before : ndarray (n_nodes, 3)
-        Of :func:`around_vertices`, on this mesh and on the last one; `before` interpolated.
-    pressure : PressureError, optional
-        Where it is the error of one that counts.
-
-    Returns
-    -------
-    power : ndarray (n_nodes,)
-        Where there is no singular point, that of smooth solutions.
-    finer : ndarray (n_nodes,)
-        Sizes of cells of the last mesh over those of now; 1 where nothing is told.
+    `now` and `before` (n_nodes, 3) are those of :func:`around_vertices`, on this mesh and, interpolated, on the last
+    one.
     """
     mesh, smooth = space.mesh, _smooth(space)
     told = (now[:, :2] > 0.0).all(axis=1) & (before[:, :2] > 0.0).all(axis=1) & (now[:, 2] == before[:, 2])
@@ -171,23 +160,10 @@ def powers(space, now, before, pressure=None):
 
 
 def singular(space, of_node, of_pressure=None):
-    """The cells that touch a point toward which the solution is singular.
+    """The cells that touch a point toward which the solution is singular: the power (n_cells,) with which their squares
+    fall, 2 p + d where there is no such point, and the rise that makes all squares around the point alike.
 
-    Parameters
-    ----------
-    space : pcontact.space.space.Space
-        Of triangles.
-    of_node : ndarray (n_nodes,)
-        Of :func:`powers`.
-    of_pressure : ndarray (n_nodes,), optional
-        Of :func:`powers_of_pressure`.
-
-    Returns
-    -------
-    power : ndarray (n_cells,)
-        With which their squares fall; 2 p + d where there is no such point.
-    rise : pcontact.mesh.refinement.refine.Rise
-        That makes all squares around the point alike.
+    `of_node` is that of :func:`powers`, `of_pressure` that of :func:`powers_of_pressure`.
     """
     mesh, d, smooth = space.mesh, space.dim, _smooth(space)
     falls = np.maximum(of_node, LEAST)
@@ -204,24 +180,10 @@ def singular(space, of_node, of_pressure=None):
 
 
 def powers_of_pressure(space, pressure, of_node, finer, sizes):
-    """With which the squared errors of a pressure fall around nodes of singular points that are known well: those of
-    both bodies at one point have one, so that their cells become smaller alike. Cells that are smaller than those on
-    the other body toward a point that is none make the pressure wrong. *Collective.*
-
-    Parameters
-    ----------
-    space : pcontact.space.space.Space
-    pressure : PressureError
-    of_node, finer : ndarray (n_nodes,)
-        Of :func:`powers`.
-    sizes : ndarray (n_nodes,)
-        Of the cells around them [length].
-
-    Returns
-    -------
-    ndarray (n_nodes,)
-        nan where there is none.
-    """
+    """With which the squared errors of a pressure fall around nodes (n_nodes,) of singular points that are known well,
+    nan elsewhere: those of both bodies at one point have one, so that their cells become smaller alike. Cells that are
+    smaller than those on the other body toward a point that is none make the pressure wrong. `of_node` and `finer` are
+    those of :func:`powers`, `sizes` those of the cells around nodes. *Collective.*"""
     some = np.flatnonzero(pressure.touched & (of_node < _smooth(space)))
     points = tree_points(space.mesh)[some]
     own = np.column_stack([of_node[some], finer[some] >= SURE, points])
@@ -234,19 +196,8 @@ def powers_of_pressure(space, pressure, of_node, finer, sizes):
 
 
 def wall(space, pressure, of_node, finer):
-    """The point toward which a pressure is most singular, of those that are known well. *Collective.*
-
-    Parameters
-    ----------
-    space : pcontact.space.space.Space
-    pressure : PressureError
-    of_node, finer : ndarray (n_nodes,)
-        Of :func:`powers`.
-
-    Returns
-    -------
-    Wall or None
-    """
+    """The point toward which a pressure is most singular, of those that are known well, with the results of
+    :func:`powers`: a :class:`Wall` or None. *Collective.*"""
     mesh, d, found = space.mesh, space.dim, None
     square = around_vertices(space, pressure.squares)[:, 0]
     level = np.zeros(len(mesh.points), dtype=np.int64)
@@ -274,20 +225,7 @@ def _bodies(mesh):
 def _alone(comm, marks, bodies, points, sizes):
     """Return True if vertices that have been found are points: not several of them in a row. *Collective.*
 
-    Parameters
-    ----------
-    comm : MPI.Comm
-    marks : ndarray (n,)
-        Of vertices of this rank, which others may have, too; see :func:`around_vertices`.
-    bodies : ndarray (n,) of int
-    points : ndarray (n, d)
-        [length]
-    sizes : ndarray (n,)
-        Of the cells around them on the last mesh [length].
-
-    Returns
-    -------
-    ndarray (n,) of bool
+    Their marks, bodies, places and sizes of cells on the last mesh; other ranks may have the same vertices.
     """
     own = np.column_stack([marks, bodies, sizes, points])
     found = np.concatenate(comm.allgather(own))
@@ -337,25 +275,11 @@ class Corners:
         self.wall, self.edges = None, None
 
     def look(self, space, squares, alike=True, pressure=None):
-        """Findings on a mesh. *Collective.*
+        """Findings on a mesh from squared estimates: power and rise of :func:`singular`, None where nothing is known,
+        and what :meth:`take` is to have, interpolated. *Collective.*
 
-        Parameters
-        ----------
-        space : pcontact.space.space.Space
-        squares : ndarray (n_cells,)
-            Squared estimates.
-        alike : bool
-            Whether the last mesh is one of the same bodies.
-        pressure : PressureError or pcontact.adapt.edges.Front, optional
-            Where it is the error of one that counts: in the plane, and in space.
-
-        Returns
-        -------
-        power : ndarray (n_cells,) or None
-        rise : pcontact.mesh.refinement.refine.Rise or None
-            See :func:`singular`; None where nothing is known.
-        around : sequence of ndarray (n_nodes, 3)
-            For :meth:`take`, to be interpolated.
+        `alike`: whether the last mesh is one of the same bodies; `pressure`: a :class:`PressureError` in the plane, a
+        :class:`pcontact.adapt.edges.Front` in space, where it is the error of one that counts.
         """
         if space.dim == 3:
             return self._look_in_space(space, squares, alike, pressure)

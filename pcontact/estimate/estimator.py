@@ -146,19 +146,8 @@ class Estimator:
         self._found, self._last = {}, None
 
     def __call__(self, u, time, holding=()):
-        """Estimate the error of a displacement at the end of a load step. *Collective.*
-
-        Parameters
-        ----------
-        u : PETSc.Vec
-        time : float
-        holding : list of pcontact.estimate.loads.Spread
-            What holds groups that move on average.
-
-        Returns
-        -------
-        Estimate
-        """
+        """An :class:`Estimate` of the error of a displacement at the end of a load step. `holding`: what holds groups
+        that move on average, a list of :class:`pcontact.estimate.loads.Spread`. *Collective.*"""
         space, loads = self.space, [*self._loads, *holding]
         known = self._tested(u, time, loads)
         self._remember(time, known)
@@ -203,24 +192,12 @@ class Estimator:
         return [np.zeros((len(b.nodes), len(PARTS), *width(b))) for b in self.space.mesh.blocks]
 
     def weighted(self, u, time, z, goal, holding=((), ()), rules=None):
-        """The residual of a dual displacement, weighted with the error of the displacement that the cells know, see
-        `pcontact.estimate.goal`. *Collective.*
+        """The residual of a dual displacement `z` of a goal, weighted with the error of the displacement `u` that the
+        cells know, see `pcontact.estimate.goal`: (nc, 2) of the cells of each block, the second one being the squared
+        energy norm of the dual displacement's own error [energy]. *Collective.*
 
-        Parameters
-        ----------
-        u : PETSc.Vec
-        time : float
-        z : PETSc.Vec
-        goal : pcontact.estimate.goal.Goal
-        holding : (list, list) of pcontact.estimate.loads.Spread
-            What holds groups that move on average, of both displacements.
-        rules : dict, optional
-            Of pairs, by which `z` has been found, see :func:`pcontact.estimate.goal.rules`.
-
-        Returns
-        -------
-        list of ndarray (nc, 2)
-            Of the cells of each block, and the squared energy norm of the dual displacement's own error [energy].
+        `holding` is what holds groups that move on average, of both displacements; `rules` those of pairs by which `z`
+        has been found, see :func:`pcontact.estimate.goal.rules`.
         """
         own = [*self._loads, *holding[0]]
         nodal, tested = self._tested_before(u, time, own)

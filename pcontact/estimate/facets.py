@@ -128,20 +128,8 @@ class FacetPairs:
         return out
 
     def _meet(self, values):
-        """Facets between ranks: each rank tells a third one, which a facet's vertices name, and it passes on.
-        *Collective.*
-
-        Parameters
-        ----------
-        values : ndarray (n, k)
-            Of those facets of this rank that may be between ranks.
-
-        Returns
-        -------
-        rows : ndarray (m,)
-            Facets that are.
-        found : ndarray (m, k)
-        """
+        """Facets between ranks, and values (m, k) there: each rank tells a third one, which a facet's vertices name,
+        those (n, k) of its facets that may be between ranks, and it passes on. *Collective.*"""
         space, exchanger, rows = self.space, self.space.exchanger, self._border
         keys, width = self._keys[rows], self._keys.shape[1]
         home = keys[:, 0] * space.comm.size // space.numbering.n_total

@@ -60,19 +60,8 @@ LEAST = 0.05
 
 
 def rules(estimator, problem, u):
-    """The rules of pairs in whose dual problems more points are closed than at the solution. *Collective.*
-
-    Parameters
-    ----------
-    estimator : pcontact.estimate.estimator.Estimator
-    problem : pcontact.solve.problem.Problem
-    u : PETSc.Vec
-        The solution.
-
-    Returns
-    -------
-    dict of pcontact.contact.pair.ContactPair to pcontact.assembly.item.StatusRule
-    """
+    """The rules of pairs (a dict of :class:`pcontact.assembly.item.StatusRule`) in whose dual problems more points are
+    closed than at the solution `u`. *Collective.*"""
     space, found, averaged = problem.space, {}, None
     if space.dim == 3:
         return found
@@ -125,13 +114,7 @@ class SourcePressure(NamedTuple):
 
 
 def of_contact(contact, u):
-    """The pressure of a contact: a list of :class:`SourcePressure`, of its pairs. *Collective.*
-
-    Parameters
-    ----------
-    contact : pcontact.contact.report.ContactReport
-    u : PETSc.Vec
-    """
+    """The pressure of a contact: a list of :class:`SourcePressure`, of its pairs. *Collective.*"""
     return [SourcePressure(state["x"], state["weight"], state["pressure"]) for state in contact.states(u)]
 
 
@@ -147,13 +130,8 @@ def norm(comm, pressures):
 
 
 def apart(comm, one, other):
-    """Distance of two pressures in L2; nan where their points are not the same. *Collective.*
-
-    Parameters
-    ----------
-    comm : MPI.Comm
-    one, other : list of SourcePressure
-    """
+    """Distance of two pressures, lists of :class:`SourcePressure`, in L2; nan where their points are not the same.
+    *Collective.*"""
     total, same = 0.0, True
     for a, b in zip(one, other, strict=True):
         same &= a.x.shape == b.x.shape and np.allclose(a.x, b.x, rtol=1e-9, atol=0.0)
@@ -275,19 +253,8 @@ def _beside(space, contact):
 
 
 def contact_force(problem, contact, force, u, rules=None, axis=None):
-    """The force of a contact on its source, along itself or an axis. *Collective.*
-
-    Parameters
-    ----------
-    problem : pcontact.solve.problem.Problem
-    contact : pcontact.contact.report.ContactReport
-    force : sequence of float
-        Of the report [force].
-    u : PETSc.Vec
-    rules : dict, optional
-        Of pairs, see :func:`pcontact.estimate.goal.rules`.
-    axis : int, optional
-    """
+    """The force of a contact on its source, along itself or an axis, from that of the report; `rules` of pairs are
+    those of :func:`rules`. *Collective.*"""
     space, direction = problem.space, _direction(force, axis)
     phi = _beside(space, contact.contact)[space.owned_local][:, None] * direction
     if problem.features.lower is not None:
@@ -323,20 +290,8 @@ def probe(problem, region, u, axis=None):
 
 
 def value(problem, target, record, u):
-    """A quantity of a load step, as it is named with an error to reach. *Collective.*
-
-    Parameters
-    ----------
-    problem : pcontact.solve.problem.Problem
-    target : pcontact.scene.target.Target
-    record : dict
-    u : PETSc.Vec
-
-    Returns
-    -------
-    float
-        Of the pressure its norm in L2.
-    """
+    """A quantity of a load step with a record, as it is named with an error to reach; of the pressure its norm in L2.
+    *Collective.*"""
     if target.quantity == "pressure":
         return norm(problem.space.comm, named(problem, target.name, u))
     name, axis = place_of(target, record)
@@ -347,19 +302,8 @@ def value(problem, target, record, u):
 
 
 def dual(problem, goal, preconditioner):
-    """The dual displacement. *Collective.*
-
-    Parameters
-    ----------
-    problem : pcontact.solve.problem.Problem
-        Its matrix holds the tangent at the solution.
-    goal : Goal
-    preconditioner : PETSc.PC
-
-    Returns
-    -------
-    ndarray (n_owned, d)
-    """
+    """The dual displacement (n_owned, d) of a goal of a problem whose matrix holds the tangent at the solution.
+    *Collective.*"""
     space, matrix = problem.space, problem.matrix.matrix
     right, z = space.vector(), space.vector()
     problem.as_residual(goal.slope.copy(), right)

@@ -84,17 +84,7 @@ class Spread:
 
 
 def applied(problem, scene):
-    """The loads of a scene as forces per area and volume. *Collective.*
-
-    Parameters
-    ----------
-    problem : pcontact.solve.problem.Problem
-    scene : pcontact.scene.model.Scene
-
-    Returns
-    -------
-    list of Given or Spread
-    """
+    """The loads of a scene as forces per area and volume, :class:`Given` or :class:`Spread`. *Collective.*"""
     masses = [scene.materials[body.material].density for body in scene.bodies]
     found, total = [], list(problem.features.total)
     for load in scene.loads:
@@ -129,18 +119,7 @@ class Missing(NamedTuple):
 
 
 def missing(space, loads, time):
-    """Forces that quadrature leaves out of loads. *Collective.*
-
-    Parameters
-    ----------
-    space : pcontact.space.space.Space
-    loads : list of Given or Spread
-    time : float
-
-    Returns
-    -------
-    Missing
-    """
+    """Forces that quadrature leaves out of loads: :class:`Missing`. *Collective.*"""
     cells = [np.zeros(len(block.nodes)) for block in space.mesh.blocks]
     loads = [one for one in loads if isinstance(one, Given) and one.prescribed.varies]
     if not loads:
@@ -162,23 +141,8 @@ def missing(space, loads, time):
 
 
 def force_density(space, load, points, normals, body, time):
-    """Force of a load per area or volume; where it is not finite the run has said so.
-
-    Parameters
-    ----------
-    space : pcontact.space.space.Space
-    load : Given or Spread
-    points : ndarray (n, nq, d)
-        [length]
-    normals : ndarray (n, nq, d) or None
-        None in cells.
-    body : int
-    time : float
-
-    Returns
-    -------
-    ndarray (n, nq, d)
-    """
+    """Force (n, nq, d) of a load per area or volume at points (n, nq, d) of a body, with normals there or None in
+    cells; where it is not finite the run has said so."""
     none = np.zeros((len(points), 0), dtype=np.int64)
     patch = Patch(none, np.zeros((*points.shape[:2], 0)), np.zeros(points.shape[:2]), points, normals, body)
     return load.factor(time) * load.density(space, patch, time)

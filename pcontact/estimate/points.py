@@ -141,17 +141,8 @@ class Sides(NamedTuple):
 
 @njit
 def slopes(u, grad, out):
-    """Displacement gradients.
-
-    Parameters
-    ----------
-    u : ndarray (nc, nn, d)
-        At the nodes.
-    grad : ndarray (nc, nq, nn, d)
-        Physical gradients of the shape functions [1/length].
-    out : ndarray (nc, nq, d, d)
-        Output: row by component, column by direction of the derivative.
-    """
+    """Displacement gradients (nc, nq, d, d), row by component, column by direction of the derivative, from nodal values
+    (nc, nn, d) and gradients (nc, nq, nn, d) of shape functions."""
     n_nodes, d = u.shape[1], u.shape[2]
     for c in range(grad.shape[0]):
         for q in range(grad.shape[1]):
@@ -210,18 +201,8 @@ def on_normals(stress, normals, out):
 
 @njit
 def add_work(stress, test, jxw, out):
-    """Add the work of stresses on test functions.
-
-    Parameters
-    ----------
-    stress : ndarray (nc, nq, d, d)
-    test : ndarray (nc, nq, nb, d)
-        Physical gradients of the test functions [1/length].
-    jxw : ndarray (nc, nq)
-        Weights of the points.
-    out : ndarray (nc, nb, d)
-        Changed: its negative is added.
-    """
+    """Take the work of stresses (nc, nq, d, d) on test functions of gradients (nc, nq, nb, d), with weights (nc, nq) of
+    the points, off `out` (nc, nb, d)."""
     nb, d = test.shape[2], test.shape[3]
     for c in range(test.shape[0]):
         for q in range(test.shape[1]):
@@ -236,18 +217,8 @@ def add_work(stress, test, jxw, out):
 
 @njit
 def add_at(rows, part, values, out):
-    """Add values of points to the residuals of their cells.
-
-    Parameters
-    ----------
-    rows : ndarray (n,) of int
-        Cells of the points.
-    part : int
-        Of the residual, see `pcontact.estimate.points`.
-    values : ndarray (n, nb, d)
-    out : ndarray (nc, n_parts, nb, d)
-        Changed.
-    """
+    """Add values (n, nb, d) of points to a part, see `pcontact.estimate.points`, of the residuals (nc, n_parts, nb, d)
+    of their cells (n,)."""
     for p in range(values.shape[0]):
         for b in range(values.shape[1]):
             for i in range(values.shape[2]):
@@ -290,17 +261,8 @@ def weigh_facets(values, jxw, sides, first, out):
 
 @njit
 def of_nodes_on_normals(values, stress, normals, out):
-    """Tractions of stresses that are given at nodes.
-
-    Parameters
-    ----------
-    values : ndarray (nq, nn)
-        Shape functions at the points.
-    stress : ndarray (nc, nn, d, d)
-    normals : ndarray (nc, nq, d)
-    out : ndarray (nc, nq, d)
-        Output.
-    """
+    """Tractions (nc, nq, d) on normals (nc, nq, d) of stresses (nc, nn, d, d) at nodes, with shape functions (nq, nn)
+    at the points."""
     n_nodes, d = values.shape[1], normals.shape[2]
     for c in range(normals.shape[0]):
         for q in range(normals.shape[1]):

@@ -28,24 +28,15 @@ SOURCE = 2.0
 
 
 def pressure_error(estimator, contact, u):
-    """Distance of the contact pressure from that of the stress averaged at the nodes, in L2. *Collective.*
+    """Distance of the contact pressure from that of the stress averaged at the nodes, in L2: a
+    :class:`pcontact.estimate.goal.GoalError` with the norm of the pressure, that of its error, and the squared parts of
+    the cells. *Collective.*
 
     Both bodies bring errors into the pressure: it is compared with the stress of the source where it is integrated, and
     with that of the target at the partners. The squares of both count by the compliance of the cells there: of two
     alike they have the mean, beside a stiff body or an obstacle the soft one counts. What is missed at a point is that
     of the cells of both sides, but of the source more, unless it is finer than the target (`SOURCE`): where it is not,
     the pressure waves with the target's cells.
-
-    Parameters
-    ----------
-    estimator : pcontact.estimate.estimator.Estimator
-    contact : pcontact.contact.report.ContactReport
-    u : PETSc.Vec
-
-    Returns
-    -------
-    GoalError
-        The norm of the pressure, that of its error, and the squared parts of the cells.
     """
     space = estimator.space
     averaged = estimator.averaged_stress(space.local.gather(u))

@@ -68,19 +68,8 @@ class Recovery:
         self._groups = [{number} for number in bodies] if clash else [set(bodies)]
 
     def __call__(self, bulk, nodal, found=None):
-        """Stress at the nodes of each block's cells. *Collective.*
-
-        Parameters
-        ----------
-        bulk : pcontact.assembly.solid.Solid
-        nodal : ndarray (n_local, d)
-        found : dict, optional
-            See :class:`pcontact.estimate.stress.BlockStress`.
-
-        Returns
-        -------
-        list of ndarray (nc, nn, d, d)
-        """
+        """Stress (nc, nn, d, d) at the nodes of each block's cells under a displacement (n_local, d); `found` as of
+        :class:`pcontact.estimate.stress.BlockStress`. *Collective.*"""
         space, d = self.space, self.space.dim
         upper, result = UPPER[d], [None] * len(space.mesh.blocks)
         for group in self._groups:
@@ -206,21 +195,9 @@ class FacetResiduals:
                 for some, block in zip(of_blocks, blocks, strict=True)]  # fmt: skip
 
     def add(self, nodal, time, tested, bulk, loads, found=None):
-        """Add the residuals of all facets but for the tractions of contact. *Collective.*
-
-        Parameters
-        ----------
-        nodal : ndarray (n_local, d)
-            Displacement.
-        time : float
-        tested : list of ndarray (nc, n_parts, nb, d)
-            Of every block [force]; changed.
-        bulk : object
-            Whose stresses count, see :class:`pcontact.estimate.stress.BlockStress`.
-        loads : list of pcontact.estimate.loads.Given or pcontact.estimate.loads.Spread
-        found : dict, optional
-            As of :class:`pcontact.estimate.stress.BlockStress`.
-        """
+        """Add the residuals of all facets but for the tractions of contact to those (nc, n_parts, nb, d) of every block
+        [force], under a displacement (n_local, d) and with the stresses of `bulk`; `found` as of
+        :class:`pcontact.estimate.stress.BlockStress`. *Collective.*"""
         pairs = self._pairs
         own = [self._tractions(number, nodal, bulk, found) for number in range(len(self._space.mesh.blocks))]
         flux = self._flux(nodal, own, bulk, found)
@@ -347,16 +324,8 @@ class ContactResiduals:
         self._space, self._bulk, self._cells = problem.space, problem.bulk, cells
 
     def add(self, contact, states, tested):
-        """Add the tractions of a contact. *Collective.*
-
-        Parameters
-        ----------
-        contact : pcontact.contact.report.ContactReport
-        states : list of dict
-            Of its pairs.
-        tested : list of ndarray (nc, n_parts, nb, d)
-            Residuals of every block [force]; changed.
-        """
+        """Add the tractions of a contact, from the states of its pairs, to the residuals (nc, n_parts, nb, d) of every
+        block [force]. *Collective.*"""
         normal_part, across_part = parts_of(contact)
         for pair, state in zip(contact.pairs, states, strict=True):
             sides = [on_source(self._space, pair, state)]

@@ -50,16 +50,8 @@ class Springs:
                 yield spring, chosen
 
     def add(self, number, nodal, outer, traction, normal):
-        """Add the tractions of springs to the residuals of a block's facets.
-
-        Parameters
-        ----------
-        number : int
-        nodal : ndarray (n_local, d)
-        outer : (ndarray (n,), dict of int to ndarray (n, nf, nq, d))
-            Cells, those of :meth:`facets` among them, and what they have by part; changed.
-        traction, normal : ndarray (nc, nf, nq, d)
-        """
+        """Add the tractions of springs to the residuals of a block's facets: `outer` has the cells (n,), those of
+        :meth:`facets` among them, and what they have by part, (n, nf, nq, d)."""
         space, block, (rows, parts) = self._space, self._space.mesh.blocks[number], outer
         points = facet_points(block.cell, facet_rule(block.cell, space.degree)[0])
         for spring, cells, local in self.facets(number):
@@ -70,17 +62,8 @@ class Springs:
             np.subtract.at(parts.setdefault(NEUMANN, np.zeros_like(traction[rows])), where, own)
 
     def force(self, number, rows, values, nodal):
-        """Force density (n, nq, d) of springs at points of some of a block's cells, None where there is none.
-
-        Parameters
-        ----------
-        number : int
-        rows : slice or ndarray (n,) of int
-        values : ndarray (nq, nn)
-            Shape functions.
-        nodal : ndarray (n, nn, d)
-            Displacement at the nodes of the cells.
-        """
+        """Force density (n, nq, d) of springs at points of some of a block's cells, None where there is none, from
+        shape functions (nq, nn) and the displacement (n, nn, d) at the nodes of the cells."""
         total = None
         for spring, chosen in self._cells(number):
             u = np.einsum("qa,cad->cqd", values, nodal)
@@ -89,19 +72,8 @@ class Springs:
         return total
 
     def bound(self, number, rows, functions):
-        """Addend of springs to the stiffness of some of a block's cells.
-
-        Parameters
-        ----------
-        number : int
-        rows : slice
-        functions : (ndarray (nq, nb), ndarray (nc, nq))
-            Test functions, and weights of the points of the cells.
-
-        Returns
-        -------
-        pcontact.estimate.local.Bound
-        """
+        """Addend of springs to the stiffness of some of a block's cells, a :class:`pcontact.estimate.local.Bound`, for
+        test functions (nq, nb) and weights (nc, nq) of the points of the cells."""
         if number not in self._of_facets:
             self._of_facets[number] = self._on_facets(number)
         (tests, jxw), all_cells = functions, self._of_facets[number]

@@ -42,25 +42,8 @@ class Softening(NamedTuple):
 
 
 def softening(space, bulk, number, rows, nodal, xi):
-    """Softening of some cells of a block under a displacement.
-
-    Parameters
-    ----------
-    space : pcontact.space.space.Space
-    bulk : pcontact.assembly.solid.Solid
-        After the load step has been committed.
-    number : int
-        Block.
-    rows : slice
-        Cells.
-    nodal : ndarray (n_local, d)
-    xi : ndarray (np, d)
-        Points of the local problems in the reference cell.
-
-    Returns
-    -------
-    Softening
-    """
+    """A :class:`Softening` of some cells of a block under a displacement (n_local, d), after the load step has been
+    committed, at points (np, d) of the local problems in the reference cell."""
     nodes, state = space.cells[number][rows], getattr(bulk, "states", {}).get(number)
     some = np.zeros(0, dtype=np.int64) if state is None else np.flatnonzero(state.p[rows].any(axis=1))
     if not len(some):
@@ -105,20 +88,8 @@ class Retained:
         self._work, self._flow = np.zeros(count), np.zeros(count)
 
     def after(self, errors, flow):
-        """It, after one more load step.
-
-        Parameters
-        ----------
-        errors : ndarray (n_cells,)
-            Of the displacement at its end [sqrt(energy)].
-        flow : ndarray (n_cells,)
-            Accumulated plastic strain then.
-
-        Returns
-        -------
-        ndarray (n_cells,)
-            [sqrt(energy)]
-        """
+        """It, (n_cells,) [sqrt(energy)], after one more load step with errors of the displacement [sqrt(energy)] and an
+        accumulated plastic strain at its end."""
         self._work += errors * (flow - self._flow)
         self._flow = flow
         return np.divide(self._work, flow, out=np.zeros(len(flow)), where=flow > 0.0)

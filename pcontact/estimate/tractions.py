@@ -18,22 +18,8 @@ from pcontact.runtime.parallel import split_by_rank
 
 
 def areas(space, pair, some, weight):
-    """Area of the target over that of the source at points of a pair. *Collective.*
-
-    Parameters
-    ----------
-    space : pcontact.space.space.Space
-    pair : pcontact.contact.pair.ContactPair
-    some : ndarray (n,) of int
-        The points, which have partners.
-    weight : ndarray (np,)
-        Areas of all of them on the source.
-
-    Returns
-    -------
-    ndarray (n,)
-        1 where those of a facet do not tell.
-    """
+    """Area of the target over that of the source at some points of a pair, which have partners, from the areas of all
+    points on the source; 1 where those of a facet do not tell. *Collective.*"""
     pairing, source = pair.pairing, pair.source
     places = space.vector()
     places.setArray(space.points[space.owned_local].ravel())
@@ -46,23 +32,8 @@ def areas(space, pair, some, weight):
 
 
 def stretched(facet, count, weight, x, y):
-    """Areas of what becomes of facets, over their own: of the linear function of their points that is nearest.
-
-    Parameters
-    ----------
-    facet : ndarray (n,) of int
-        Facet of each point.
-    count : int
-        Of facets.
-    weight : ndarray (n,)
-    x, y : ndarray (n, d)
-        Points, and what becomes of them [length].
-
-    Returns
-    -------
-    ndarray (count,)
-        1 where points do not tell.
-    """
+    """Areas (count,) of what becomes of facets, over their own: of the linear function of their points that is nearest;
+    1 where points do not tell. Points `x` (n, d), with weights, of facets (n,), become `y`."""
     d = x.shape[1]
     whole = np.bincount(facet, weight, minlength=count)
     middle = [np.stack([np.bincount(facet, weight * row, minlength=count) for row in some.T], axis=1) / whole[:, None]
@@ -137,20 +108,7 @@ def source_points(space, pair):
 
 
 def on_source(space, pair, state):
-    """Forces of a pair on its source.
-
-    Parameters
-    ----------
-    space : pcontact.space.space.Space
-    pair : pcontact.contact.pair.ContactPair
-    state : dict
-        Of ``pair.state``.
-
-    Returns
-    -------
-    dict of int to PointForces
-        By block.
-    """
+    """Forces of a pair in a state on its source: a dict of :class:`PointForces` by block."""
     result = {}
     for number, (p, rows, xi) in source_points(space, pair).items():
         force = state["traction"][p, : space.dim] * state["weight"][p, None]
@@ -192,14 +150,8 @@ class Cells:
         return ids * self.space.comm.size // self.space.mesh.n_cells_total
 
     def deliver(self, ids, table):
-        """Bring rows of a table (n, k) to the ranks that have the cells (n,). *Collective.*
-
-        Returns
-        -------
-        place : ndarray (m, 2)
-            Block and row of the cells here.
-        table : ndarray (m, k)
-        """
+        """Block and row (m, 2) of cells here, and rows of a table (n, k) that are brought to the ranks that have the
+        cells (n,). *Collective.*"""
         space = self.space
         if space.comm.size > 1:
             width = table.shape[1] + 1
@@ -237,22 +189,8 @@ class Brought:
 
 
 def bring(space, pair, cells, points, table):
-    """Bring a row (m,) of each of some points (n,) of a source to the cell of its partner. *Collective.*
-
-    Parameters
-    ----------
-    space, pair
-        See :func:`on_source`.
-    cells : Cells
-    points : ndarray (n,)
-        That have partners.
-    table : ndarray (n, m)
-
-    Returns
-    -------
-    dict of int to Brought
-        By block.
-    """
+    """Bring a row of a table (n, m) of each of some points (n,) of a source, which have partners, to the cell of its
+    partner: a dict of :class:`Brought` by block. *Collective.*"""
     p, width, result = pair.pairing, 3 if space.dim == 2 else 9, {}
     shape = np.zeros((len(points), width))
     shape[:, : p.target_shape.shape[1]] = p.target_shape[points]
@@ -269,22 +207,9 @@ def bring(space, pair, cells, points, table):
 
 
 def on_target(space, pair, state, cells, part=1.0, normal=None):
-    """Forces of a pair on its target, brought to the ranks of the target's cells. *Collective.*
-
-    Parameters
-    ----------
-    space, pair, state
-        See :func:`on_source`.
-    cells : Cells
-    part : float
-        What the weights of the points make of an area: 1/2 for unbiased contact.
-    normal : ndarray (np, d), optional
-        To go with the forces; the contact normals without.
-
-    Returns
-    -------
-    dict of int to PointForces
-    """
+    """Forces of a pair in a state on its target, brought to the ranks of the target's cells: a dict of
+    :class:`PointForces` by block. `part` is what the weights of the points make of an area, 1/2 for unbiased contact;
+    `normal` (np, d) goes with the forces, the contact normals where it is absent. *Collective.*"""
     p, d = pair.pairing, space.dim
     normal = p.normal if normal is None else normal
     # in space points without a force count, too: they tell how much of a facet has partners
