@@ -184,7 +184,7 @@ class Decision:
         # solved roughly: what is left of it depends on how many ranks there are
         stays += min(done.parts["algebraic"], share) if done.parts["algebraic"] > NOTICED * goal else 0.0
         # what is more than a third is refined
-        stays += min(done.parts.get("load_steps", 0.0) + done.parts.get("settings", 0.0), THIRD * goal)
+        stays += min(done.parts.get("load_steps", 0.0), THIRD * goal)
         falls, loads = sum(done.parts.get(name, 0.0) for name in self._settings.falling), done.parts.get("loads", 0.0)
         falls -= loads if loads <= NOTICED * self._settings.goal else 0.0
         falls += (more**done.power - 1.0) * done.parts["mesh"]

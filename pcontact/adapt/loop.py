@@ -17,7 +17,6 @@ from pcontact.adapt.errors import Measures
 from pcontact.adapt.history import Beginning, Watch
 from pcontact.adapt.passes import ended, line, report, said_of
 from pcontact.adapt.refining import Refining
-from pcontact.adapt.secondary import ALL
 from pcontact.adapt.settings import FEW, Settings
 from pcontact.mesh.hdf5 import write
 from pcontact.mesh.refinement.gather import gathered
@@ -235,7 +234,7 @@ class Loop:
             self._tell(status)
         if self.passes and not self._looks_ahead:
             if not self._measure.complete:
-                log.warning("not known: how much of the error is that of %s", said_of(ALL))
+                log.warning("not known: how much of the error is that of %s", said_of("load_steps"))
             why = self._decision.why if failure is None else "the next mesh was not solved"
             log.info("%s", ended(self.passes, self.best, self.target, why))
         return status, failure

@@ -69,10 +69,8 @@ def free_memory():
 # compiled kernels grow by less than that.
 BYTES, TOLD = {2: 5e3, 3: 1.1e4}, 2e8
 NAMES = {
-    "mesh": "the mesh", "load_steps": "the load steps", "frozen_partners": "partners that are frozen in a load step",
-    "quadrature": "the quadrature of contact", "loads": "the quadrature of loads",
-    "straight_facets": "straight facets of curved surfaces",
-    "settings": "load steps, searches, quadrature and facets together",
+    "mesh": "the mesh", "load_steps": "the load steps", "quadrature": "the quadrature of contact",
+    "loads": "the quadrature of loads", "straight_facets": "straight facets of curved surfaces",
     "curved_facets": "curved facets of surfaces that curve otherwise", "algebraic": "Newton's and Krylov's methods",
 }  # fmt: skip
 

@@ -1,4 +1,4 @@
-"""Settings that the passes run with: load steps, tolerances, searches and the degree of the displacement."""
+"""Settings that the passes run with: load steps, tolerances and the degree of the displacement."""
 
 from dataclasses import replace
 
@@ -24,7 +24,7 @@ FULL = 0.85
 # chosen; the mesh, by far the dearest, has the rest.
 THIRD = 1.0 / 3.0
 # parts of the error that finer meshes take away, and those that are due to the shape of facets
-FALLING, FACETS = ("mesh", "quadrature", "loads", "frozen_partners"), ("straight_facets", "curved_facets")
+FALLING, FACETS = ("mesh", "quadrature", "loads"), ("straight_facets", "curved_facets")
 # [-] Tolerance of Newton's method where norms are named; the least one, `NOTICED` times as much, has what are numbers,
 # whose changes are products of two of them. What is left depends on how many ranks there are, whose preconditioners
 # differ, and so do the squares of cells, and the next mesh. From: Hertz's cylinder and rings, whose squares differ by
@@ -32,14 +32,12 @@ FALLING, FACETS = ("mesh", "quadrature", "loads", "frozen_partners"), ("straight
 # 1e-4 with 1e-8. With 1e-8 instead of 1e-3 loops take 1.0 to 1.4 times as long. To take it only where another pass is
 # expected, and to go on to it where the last one misses, costs more: a third of the last passes miss.
 RTOL = 1e-8
-# Options of the linear solves of Newton's method [-], where partners are searched in its iterations, or bodies rub.
+# Options of the linear solves of Newton's method [-], where bodies rub.
 # From: with looser ones normals under a punch differ by 1e-4 between one rank and two, and one of four numbers of ranks
 # takes a lug that closes on its pin to other points that stick: there is more than one solution, and what the solves
 # leave decides which. Iterates differ from the fourth one on with 1e-3, on one of four with 1e-5, on none with 1e-7.
 # Here they are the tolerance of Newton's method.
 FORCING = ("snes_ksp_ew_rtol0", "snes_ksp_ew_rtolmax")
-# The option that says which part of the contact forces frozen partners may change.
-PARTNER_RTOL = "contact_partner_rtol"
 # [-] Part of the target below which what is only known roughly is taken for nothing where meshes are chosen, and that
 # frozen partners may have. From: it is less than the margin that meshes are made with.
 NOTICED = 0.01
@@ -134,8 +132,6 @@ class Settings:
         Load steps.
     goal : float
         The target; where it is the least error that the budget allows, a part of that of the last pass.
-    searches : bool
-        Whether partners are searched in the iterations of Newton's method.
     degree : pcontact.adapt.settings.Degree
     falling, staying : tuple of str
         Parts of the error that a finer mesh takes away as it does its own, and those that it leaves.
@@ -143,7 +139,7 @@ class Settings:
 
     def __init__(self, scene, target, options, ranks=1):
         self._scene, self._target, self._ranks = scene, target, ranks
-        self.steps, self.searches = scene.steps.count, False
+        self.steps = scene.steps.count
         self.goal = target.error or THIRD**2
         # new nodes lie on the facets of the first mesh, unless the geometry is known
         self.falling, self.staying = (FALLING, FACETS) if scene.mesh.geometry is None else (FALLING + FACETS, ())
@@ -160,13 +156,12 @@ class Settings:
             scene.contacts = [replace(one, traction=one.traction or "source") for one in scene.contacts]
         scene.output.estimate, scene.steps.count, scene.mesh.order = True, self.steps, self.degree.now or 1
         # looser partners and tolerances than the mesh deserves are no place to save
-        partners = (SHARE if self.searches else 1.0) * NOTICED * self.goal
-        ours = {"snes_rtol": f"{self._rtol:.3g}", PARTNER_RTOL: f"{partners:.3g}"}
+        ours = {"snes_rtol": f"{self._rtol:.3g}", "contact_partner_rtol": f"{NOTICED * self.goal:.3g}"}
         if self._scene.remembers or self._ranks == 1:
             # what flows hardly changes its volume, and what rubs has iterates that hang on each solve: multigrid takes
             # many iterations. See `FACTORISED`
             ours["pc_direct_below"] = str(FACTORISED)
-        if self.searches or self._scene.frictional:
+        if self._scene.frictional:
             # iterates are to be the same on any number of ranks
             ours |= dict.fromkeys(FORCING, f"{RTOL:g}")
         scene.petsc = {**ours, **scene.petsc}
@@ -193,18 +188,13 @@ class Settings:
             self.goal = max(THIRD * done.error, SMALLEST)
 
     def balance(self, done, aim):
-        """Spend on load steps, searches and tolerances where a pass says that they are large beside the error that the
-        next mesh is made for.
+        """Plan load steps where a pass says that settings are large beside the error that the next mesh is made for.
 
         Load steps end at the corners of amplitudes: as many are planned as there is room for between these.
         """
-        parts = {name: done.parts.get(name, 0.0) for name in ("load_steps", "frozen_partners", "quadrature")}
+        parts = {name: done.parts.get(name, 0.0) for name in ("load_steps", "quadrature")}
         if sum(parts.values()) > THIRD * aim:
             fair = THIRD * aim / len(parts)
-            self.searches = self.searches or parts["frozen_partners"] > fair
             # errors fall with the number of load steps
             steps = max(self.steps, int(np.ceil(self.steps * min(parts["load_steps"] / (AIM * fair), LEAP))))
             self.steps = filled(self._scene.steps.end, steps, corners(self._scene)) if steps > self.steps else steps
-        if done.parts["algebraic"] > SHARE * min(done.parts["mesh"], aim):
-            wanted = SHARE * aim / done.parts["algebraic"]
-            self._rtol = max(self._rtol * min(wanted, 0.3), NOTICED * RTOL)

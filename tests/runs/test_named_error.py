@@ -104,7 +104,7 @@ def test_facets_come_onto_the_geometry(tmp_path):
     first, last = loop.passes[0], loop.passes[-1]
     assert outcome.status == REACHED and outcome.kept < last.error <= 0.1
     assert "straight_facets" not in first.parts and last.degree == 2
-    facets = [one.parts.get("curved_facets", one.parts.get("settings")) for one in loop.passes]
+    facets = [one.parts.get("curved_facets") for one in loop.passes]
     assert facets[-1] < 0.2 * max(facets)
 
 

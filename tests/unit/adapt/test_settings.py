@@ -49,11 +49,10 @@ def _planned(amplitude=None, **parts):
 
 def test_what_has_more_than_a_third_of_the_target_is_refined():
     """Load steps as many as leave its fair share, between corners of amplitudes as many as there is room for."""
-    fair = AIM * THIRD * 0.1 / 3.0
-    assert _planned(load_steps=0.03).steps == 10 and not _planned(frozen_partners=0.03).searches
+    fair = AIM * THIRD * 0.1 / 2.0
+    assert _planned(load_steps=0.03).steps == 10
     assert _planned(load_steps=0.036).steps == np.ceil(10 * 0.036 / fair)
     assert _planned(load_steps=1.0).steps == 10 * LEAP
-    both = _planned(load_steps=0.005, frozen_partners=0.03)
-    assert both.steps == 10 and both.searches
+    assert _planned(load_steps=0.005, quadrature=0.03).steps == 10
     corners = [(k / 4.0, float(k)) for k in range(5)]
-    assert _planned(corners, load_steps=0.036).steps == 40
+    assert _planned(corners, load_steps=0.036).steps == 28
