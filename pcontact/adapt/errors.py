@@ -118,6 +118,8 @@ class Measure:
                     # that none has been compared with
                     floor, least = found.bound / size, unseen(space).least
                     confirmed = floor <= least**2 * self._settings.goal and not simulation.scene.plastic
+                # where nothing touches what it is of, neither knows anything: it may be all of it
+                floor = floor if found.bound > 0.0 else 1.0
         times = simulation.times()
         done = Pass(
             unknowns=space.n_dofs, cells=mesh.n_cells_total, degree=space.degree, estimate=estimate, known=known,
@@ -198,8 +200,8 @@ class Measure:
     def _indicators(self, simulation, watch, found):
         """Parts of cells in the error of a quantity, where that is what the mesh is refined for. *Collective.*"""
         own = np.concatenate([np.zeros(0), *found.cells])
-        if simulation.scene.plastic and self._target.quantity != "pressure":
-            # the dual problem knows the last load step alone
+        if self._target.quantity != "pressure" and (simulation.scene.plastic or found.bound == 0.0):
+            # the dual problem knows the last load step alone, or nothing
             return watch.squares
         if self._target.quantity != "pressure":
             return np.abs(own)

@@ -27,7 +27,7 @@ from pcontact.runtime.errors import InputError
 from pcontact.runtime.options import Options
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI, PETSc, own_options
-from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Output, Scene, Steps
+from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Output, Scene, Steps
 from pcontact.scene.reader import read_scene
 from pcontact.scene.target import Budget, Target
 from pcontact.simulation import Simulation
@@ -145,6 +145,21 @@ def test_a_quantity_that_is_zero(tmp_path):
     # there is no error in the energy norm, and no second mesh
     assert loop.run().status == REACHED and len(loop.passes) == 1 and all(one.error < 1e-5 for one in loop.passes)
     assert all(abs(one.quantity["value"]) < 1e-12 for one in loop.passes)
+
+
+def test_a_force_where_nothing_touches(tmp_path):
+    """No error is known of it: a finer mesh might touch."""
+    two_blocks(tmp_path / "blocks.msh", 2, 3, 4, "triangle")
+    scene = Scene(
+        mesh=MeshSpec(tmp_path / "blocks.msh", order=2), materials={"soft": Material(10.0, 0.3)},
+        bodies=[Body("lower", "soft"), Body("upper", "soft")],
+        contacts=[Contact("upper_bottom", "lower_top", name="face")],
+        displacements=[Displacement("lower_bottom", [0.0, 0.0]), Displacement("upper_top", [0.0, 0.2])],
+        loads=[Load("left", pressure=0.1)], output=Output(fields=False), accuracy=Target(0.05, "force:face"),
+    )  # fmt: skip
+    loop = Loop(scene)
+    assert loop.run().status == SPENT and all(one.error >= 1.0 for one in loop.passes)
+    assert loop.passes[-1].quantity["value"] == 0.0
 
 
 def punch_scene(folder, cell="triangle", **target):
