@@ -194,13 +194,14 @@ class Product:
     """
 
     def __init__(self, space, rowptr, columns):
-        nodes, self._column = np.unique(columns, return_inverse=True)
+        nodes, self._column = space.numbering.places(columns)
         self._rowptr, self._exchange, self._shape = rowptr, space.exchange(nodes), (space.n_owned, space.dim)
 
-    def __call__(self, values, u, of=np.asarray):
-        """Product (n_owned, d) of values (nnz, d, d) and a vector; `of`: np.abs, of their sizes. *Collective.*"""
+    def __call__(self, values, u, magnitudes=False):
+        """Product (n_owned, d) of values (nnz, d, d) and a vector, or of their magnitudes. *Collective.*"""
         y = np.empty(self._shape)
-        multiply(self._rowptr, self._column, of(values), of(self._exchange.gather(u)), y)
+        kernel = multiply_magnitudes if magnitudes else multiply
+        kernel(self._rowptr, self._column, values, self._exchange.gather(u), y)
         return y
 
 
@@ -227,3 +228,16 @@ def multiply(rowptr, columns, values, x, y):
                 y0 += values[k, 0, 0] * x[c, 0] + values[k, 0, 1] * x[c, 1]
                 y1 += values[k, 1, 0] * x[c, 0] + values[k, 1, 1] * x[c, 1]
             y[row, 0], y[row, 1] = y0, y1
+
+
+@njit
+def multiply_magnitudes(rowptr, columns, values, x, y):
+    """y = |A| |x|, see :func:`multiply`: magnitudes of all entries."""
+    d = values.shape[1]
+    for row in range(len(rowptr) - 1):
+        for i in range(d):
+            total = 0.0
+            for k in range(rowptr[row], rowptr[row + 1]):
+                for j in range(d):
+                    total += abs(values[k, i, j] * x[columns[k], j])
+            y[row, i] = total

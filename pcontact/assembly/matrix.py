@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pcontact.assembly.graph import add_chosen_blocks, locate_rows, merge_rows
+from pcontact.assembly.graph import BlockRows, add_chosen_blocks, find, locate_rows, merge_rows
 from pcontact.runtime.jit import njit
 from pcontact.runtime.parallel import split_by_rank
 from pcontact.runtime.petsc import MPI, PETSc, graph_of_long_rows, local_values, preallocate_sell
@@ -100,6 +100,9 @@ class Operator:
             self._insert(pointer, columns, part, size)
         self.matrix.assemble()
         self._new = False
+        if self._kind == "baij":
+            # values are written in place from now on
+            self._columns = None
 
     def _insert(self, pointer, columns, values, size):
         """Blocks of a local part, some rows at a time: all of them would be as much memory as the matrix."""
@@ -192,15 +195,38 @@ class JoinedPattern:
 
 
 
-def _sorted_rows(n_rows, rows, columns):
-    """Pattern with sorted unique columns from unordered pairs."""
-    order = np.lexsort((columns, rows))
-    rows, columns = rows[order], columns[order]
-    keep = np.ones(len(rows), dtype=bool)
-    keep[1:] = (rows[1:] != rows[:-1]) | (columns[1:] != columns[:-1])
-    rowptr = np.zeros(n_rows + 1, dtype=np.int64)
-    np.cumsum(np.bincount(rows[keep], minlength=n_rows), out=rowptr[1:])
-    return rowptr, np.ascontiguousarray(columns[keep])
+@njit
+def _own_rows(local, pattern, more, out, places):
+    """Columns of owned rows, sorted and each once, of local rows and of pairs that came from other ranks.
+
+    Parameters
+    ----------
+    local : (ndarray (n_owned,), ndarray (n,))
+        Local row of each owned one, -1 where there is none, and global numbers of the local columns.
+    pattern, more : (rowptr, columns)
+        Local rows with local columns, and what came, by owned rows, with global ones.
+    out : (rowptr, columns)
+        Written; room for all.
+    places : (ndarray, ndarray)
+        Written: places of the entries of both in the result.
+    """
+    (at, nodes), (ptr, cols), (more_ptr, more_cols), (rowptr, columns), (place, more_place) = (
+        local, pattern, more, out, places,
+    )  # fmt: skip
+    none = np.zeros(0, np.int64)
+    for row in range(len(at)):
+        own = none if at[row] < 0 else nodes[cols[ptr[at[row]] : ptr[at[row] + 1]]]
+        came, first = more_cols[more_ptr[row] : more_ptr[row + 1]], rowptr[row]
+        every, end = np.sort(np.concatenate((own, came))), rowptr[row]
+        for k in range(len(every)):
+            if k == 0 or every[k] != every[k - 1]:
+                columns[end] = every[k]
+                end += 1
+        rowptr[row + 1] = end
+        for k in range(len(own)):
+            place[ptr[at[row]] + k] = find(columns, first, end, own[k])
+        for k in range(len(came)):
+            more_place[more_ptr[row] + k] = find(columns, first, end, came[k])
 
 
 class OwnedRows:
@@ -226,37 +252,29 @@ class OwnedRows:
     """
 
     def __init__(self, numbering, exchanger, nodes, rowptr, columns):
-        self._exchanger = exchanger
-        n_owned, start = numbering.n_owned, numbering.start
-        row = np.repeat(np.arange(len(nodes)), np.diff(rowptr))
-        global_row, global_column = nodes[row], nodes[columns]
-        owner = numbering.owner(global_row)
-        mine = owner == numbering.rank
-        away = np.flatnonzero(~mine)
-        pairs = np.column_stack([global_row[away], global_column[away]])
-        sends, order = split_by_rank(owner[away], pairs)
-        self._send_index = {}
-        first = 0
-        for rank, part in sends.items():
-            self._send_index[rank] = away[order[first : first + len(part)]]
-            first += len(part)
+        self._exchanger, n_owned, owner = exchanger, numbering.n_owned, numbering.owner(nodes)
+        mine, counts = np.flatnonzero(owner == numbering.rank), np.diff(rowptr)
+        away = np.flatnonzero(np.repeat(owner != numbering.rank, counts))
+        row = np.repeat(np.arange(len(nodes)), np.where(owner != numbering.rank, counts, 0))
+        sends, order = split_by_rank(owner[row], np.column_stack([nodes[row], nodes[columns[away]]]))
+        ends = np.cumsum([len(part) for part in sends.values()])
+        self._send_index = dict(zip(sends, np.split(away[order], ends[:-1]), strict=True)) if sends else {}
         received = exchanger(sends, np.int64, 2)
-        rows = [global_row[mine] - start] + [p[:, 0] - start for p in received.values()]
-        cols = [global_column[mine]] + [p[:, 1] for p in received.values()]
-        self.rowptr, self.columns = _sorted_rows(n_owned, np.concatenate(rows), np.concatenate(cols))
-        self._own_index = np.flatnonzero(mine)
-        self._own_position = self._find(rows[0], cols[0])
-        self._received_position = {
-            rank: self._find(r, c) for rank, r, c in zip(received, rows[1:], cols[1:], strict=True)
-        }
-
-    def _find(self, rows, columns):
-        order = np.lexsort((columns, rows))
-        ptr = np.zeros(len(self.rowptr), dtype=np.int64)
-        np.cumsum(np.bincount(rows, minlength=len(self.rowptr) - 1), out=ptr[1:])
-        found = np.empty(len(rows), dtype=np.int64)
-        found[order] = positions(ptr, np.ascontiguousarray(columns[order]), self.rowptr, self.columns)
-        return found
+        came = np.concatenate([np.zeros((0, 2), dtype=np.int64), *received.values()])
+        at, order = np.full(n_owned, -1, dtype=np.int64), np.argsort(came[:, 0], kind="stable")
+        at[nodes[mine] - numbering.start] = mine
+        pointer = np.zeros(n_owned + 1, dtype=np.int64)
+        np.cumsum(np.bincount(came[:, 0] - numbering.start, minlength=n_owned), out=pointer[1:])
+        place, found = np.full(len(columns), -1, dtype=np.int64), np.empty(len(came), dtype=np.int64)
+        self.rowptr, every = np.zeros(n_owned + 1, dtype=np.int64), np.empty(len(columns) + len(came), dtype=np.int64)
+        _own_rows((at, nodes), (rowptr, columns), (pointer, came[order, 1]), (self.rowptr, every), (place, found))
+        self.columns = every[: self.rowptr[-1]].copy()
+        self._own_index = np.flatnonzero(place >= 0)
+        self._own_position = place[self._own_index]
+        position = np.empty_like(found)
+        position[order] = found
+        ends = np.cumsum([len(part) for part in received.values()])
+        self._received_position = dict(zip(received, np.split(position, ends[:-1]), strict=True)) if received else {}
 
     def sum(self, values):
         """Sum local values into the owned rows. *Collective.*
@@ -316,20 +334,6 @@ class Prescribed(NamedTuple):
     diagonal: np.ndarray
 
 
-class PlacedBlocks(NamedTuple):
-    """Block values on a part of a pattern.
-
-    Attributes
-    ----------
-    at : ndarray (nnz,)
-        Their row in ``values`` for each block of the pattern; -1: none.
-    values : ndarray (n, d, d)
-    """
-
-    at: np.ndarray
-    values: np.ndarray
-
-
 @njit
 def _scalar_pattern(block_rows, d, i, j):
     """Scalar CSR (i, j) of block rows, whose counts of owned and other columns are written, too."""
@@ -360,25 +364,26 @@ def _write(rows, block_rows, first, second, extra, prescribed, da, oa):
     """
     rowptr, columns, start = block_rows.rowptr, block_rows.columns, block_rows.start
     own, other, end = block_rows.own, block_rows.other, block_rows.start + len(block_rows.rowptr) - 1
-    at_a, a, at_b, b = first.at, first.values, second.at, second.values
+    columns_a, a, columns_b, b = first.columns, first.values, second.columns, second.values
     fixed_row, fixed_column, diagonal = prescribed.row, prescribed.column, prescribed.diagonal
     d = fixed_row.shape[1]
     for row in rows:
         n_own = own[row + 1] - own[row]
         n_other = other[row + 1] - other[row]
         base_own, base_other = own[row] * d * d, other[row] * d * d
-        k_own, k_other = 0, 0
+        k_own, k_other, pa, pb = 0, 0, first.rowptr[row], second.rowptr[row]
+        end_a, end_b = first.rowptr[row + 1], second.rowptr[row + 1]
         for k in range(rowptr[row], rowptr[row + 1]):
             inside = start <= columns[k] < end
             on_diagonal = columns[k] == start + row
-            pa, pb = at_a[k], at_b[k]
+            in_a, in_b = pa < end_a and columns_a[pa] == columns[k], pb < end_b and columns_b[pb] == columns[k]
             for i in range(d):
                 for j in range(d):
                     value = 0.0
                     if not fixed_row[row, i] and not fixed_column[k, j]:
-                        if pa >= 0:
+                        if in_a:
                             value += a[pa, i, j]
-                        if pb >= 0:
+                        if in_b:
                             value += b[pb, i, j]
                         if on_diagonal and i == j:
                             value += extra[row]
@@ -388,6 +393,8 @@ def _write(rows, block_rows, first, second, extra, prescribed, da, oa):
                         da[base_own + i * d * n_own + k_own * d + j] = value
                     else:
                         oa[base_other + i * d * n_other + k_other * d + j] = value
+            pa += in_a
+            pb += in_b
             if inside:
                 k_own += 1
             else:
@@ -499,12 +506,8 @@ class GlobalMatrix(ProblemMatrix):
         changed = not self._space.comm.allreduce(int(same), op=MPI.MIN)
         if changed:
             self._preallocate(rowptr, columns)
-        self._at, self._written = [], _nothing
+        self._patterns, self._written = (first, second), _nothing
         self._second_rows = np.flatnonzero(np.diff(second[0]))
-        for ptr, cols in (first, second):
-            at = np.full(len(columns), -1, dtype=np.int64)
-            at[positions(ptr, cols, rowptr, columns)] = np.arange(len(cols))
-            self._at.append(at)
         return changed
 
     def _preallocate(self, rowptr, columns):
@@ -520,7 +523,7 @@ class GlobalMatrix(ProblemMatrix):
             self._beside.preallocate(rowptr, columns, int(space.start))
         # many nodes of the source may face one facet of the target
         graph_of_long_rows(self.matrix, max(int(np.diff(part).max(initial=0)) for part in (own, other)))
-        nodes, place = np.unique(columns, return_inverse=True)
+        nodes, place = space.numbering.places(columns)
         flags = space.exchange(nodes).gather(self._flags) > 0.5
         self._fixed_column = np.ascontiguousarray(flags[place])
 
@@ -535,31 +538,30 @@ class GlobalMatrix(ProblemMatrix):
             Added to the diagonal of free components; the same object as before has the same values.
         """
         space, d = self._space, self._space.dim
-        placed = [PlacedBlocks(at, values) for at, values in zip(self._at, (first, second), strict=True)]
+        parts = [BlockRows(*pattern, values) for pattern, values in zip(self._patterns, (first, second), strict=True)]
         rows = self._second_rows
         if self._written() is not first or self._extra is not extra:
             rows = np.arange(space.n_owned)
             self._diagonal = np.zeros((space.n_owned, d))
-            _diagonal_of(self._rows, placed[0], self._diagonal)
+            _diagonal_of(parts[0], int(space.start), self._diagonal)
             self._written, self._extra = weakref.ref(first), extra
         prescribed = Prescribed(self._fixed_row, self._fixed_column, self._diagonal)
         sizes = (int(self._rows.own[-1]) * d * d, int(self._rows.other[-1]) * d * d)
         with local_values(self.matrix, sizes) as (da, oa):
-            _write(rows, self._rows, *placed, extra, prescribed, da, oa)
+            _write(rows, self._rows, *parts, extra, prescribed, da, oa)
             if self._beside is not None:
                 self._beside.take(rows, (self._rows.own, self._rows.other), (da, oa))
 
 
 @njit
-def _diagonal_of(block_rows, placed, out):
-    """Diagonal (n, d) of a set of blocks."""
-    rowptr, columns, start = block_rows.rowptr, block_rows.columns, block_rows.start
-    at, values = placed.at, placed.values
+def _diagonal_of(blocks, start, out):
+    """Diagonal (n, d) of a set of blocks, whose first row has the global number ``start``."""
+    rowptr, columns, values = blocks.rowptr, blocks.columns, blocks.values
     for row in range(len(rowptr) - 1):
-        for k in range(rowptr[row], rowptr[row + 1]):
-            if columns[k] == start + row and at[k] >= 0:
-                for i in range(values.shape[1]):
-                    out[row, i] = values[at[k], i, i]
+        k = find(columns, rowptr[row], rowptr[row + 1], start + row)
+        if k >= 0:
+            for i in range(values.shape[1]):
+                out[row, i] = values[k, i, i]
 
 
 class ConstrainedMatrix(ProblemMatrix):

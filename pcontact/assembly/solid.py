@@ -555,7 +555,7 @@ class Solid(Bulk):
 
     def add_magnitude(self, u, out):
         """Add the sum of the absolute terms of :meth:`residual` to ``out`` (n_owned, d). *Collective.*"""
-        y = self._product(self.values, u, np.abs)
+        y = self._product(self.values, u, magnitudes=True)
         out += y if self._free_forces is None else y + np.abs(self._free_forces)
         if self.yields:
             out += self._excess_forces(u, True)

@@ -58,7 +58,7 @@ class LinearForces(Item):
 
     def add_magnitude(self, u, out):
         """Add the sum of the absolute terms of :meth:`residual` to ``out`` (n_owned, d). *Collective.*"""
-        out += np.abs(self._factor * self._product(self._values, u, np.abs))
+        out += np.abs(self._factor * self._product(self._values, u, magnitudes=True))
 
     def tangent(self, u, rule=LAW):
         """Values (nnz, d, d) on :meth:`pattern`."""

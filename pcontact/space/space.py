@@ -68,8 +68,6 @@ class Numbering:
         Nodes of this rank, in the order wanted for owned nodes.
     sf : PETSc.SF or None
         From points to their owners, see :func:`pcontact.mesh.plex.owners`.
-    first : int
-        Points of `sf` that come before the nodes, all of them of this rank alone.
 
     Attributes
     ----------
@@ -79,21 +77,30 @@ class Numbering:
     ranges : ndarray (size + 1,)
     """
 
-    def __init__(self, comm, n, sf, first=0):
+    def __init__(self, comm, n, sf):
         self.rank = comm.rank
-        mine = np.ones(first + n, dtype=bool)
-        mine[:first] = mine[leaves(sf)] = False
+        mine = np.ones(n, dtype=bool)
+        mine[leaves(sf)] = False
         self.n_owned = int(mine.sum())
         counts = np.array(comm.allgather(self.n_owned), dtype=np.int64)
         self.ranges = np.concatenate([[0], np.cumsum(counts)])
         self.start, self.n_total = int(self.ranges[comm.rank]), int(self.ranges[-1])
-        numbers = np.zeros(first + n, dtype=np.int64)
+        numbers = np.zeros(n, dtype=np.int64)
         numbers[mine] = self.start + np.arange(self.n_owned)
-        self.numbers = told(sf, numbers)[first:]
+        self.numbers = told(sf, numbers)
 
     def owner(self, numbers):
         """Rank that owns each global number."""
         return np.searchsorted(self.ranges, numbers, side="right") - 1
+
+    def places(self, numbers):
+        """Nodes of which each of some global numbers (n,) is one, those of this rank first, and its place (n,) in
+        them."""
+        place = numbers - self.start
+        away = np.flatnonzero((place < 0) | (place >= self.n_owned))
+        others, number = np.unique(numbers[away], return_inverse=True)
+        place[away] = self.n_owned + number
+        return np.concatenate([self.start + np.arange(self.n_owned), others]), place
 
 
 class Space:
@@ -158,21 +165,15 @@ class Space:
         self.component = np.zeros(len(self.mesh_nodes), dtype=np.int64)
         for table, block in zip(self.cells, mesh.blocks, strict=True):
             self.component[table] = block.components[:, None]
-        self.numbering = Numbering(mesh.comm, len(self.mesh_nodes), *self._owners())
+        # of degree 1 the nodes are the vertices of the mesh's Plex, of which PETSc numbers a section the same way
+        sf = owners(mesh.comm, mesh.file_nodes[self.mesh_nodes], mesh.n_nodes_total)
+        self.numbering = Numbering(mesh.comm, len(self.mesh_nodes), sf)
         self.nodes = self.numbering.numbers
         self.n_owned, self.start = self.numbering.n_owned, self.numbering.start
         owned = self.owns(slice(None))
         self.owned_local = np.flatnonzero(owned)[np.argsort(self.nodes[owned])]
         self._template, self.kept = self.vector(), Kept()
         self.local = self.exchange(self.nodes)
-
-    def _owners(self):
-        """Owners of the nodes: of degree 1 they are the vertices of the mesh's Plex, of which PETSc numbers a section
-        the same way. Points before the nodes come second. *Collective.*"""
-        mesh = self.mesh
-        if self.degree == 1 and mesh.comm.size > 1:
-            return mesh.dm.getPointSF(), mesh.dm.getHeightStratum(0)[1]
-        return (owners(mesh.comm, mesh.file_nodes[self.mesh_nodes], mesh.n_nodes_total),)
 
     @property
     def keys(self):
