@@ -757,7 +757,7 @@ class TargetTraction:
     symmetric : bool
         Whether the derivative of the traction is its adjoint operator.
     traction : pcontact.contact.traction.small.Traction
-        At the partners on this rank, of the last search.
+        At the partners on this rank, of the last search; where it is linear, nothing asks for it again.
     """
 
     def __init__(self, space, bulk, contact, source):
@@ -785,8 +785,9 @@ class TargetTraction:
     def nodes(self):
         """Nodes (n,), global numbers, of the cells of the partners on this rank; none where their traction is linear:
         it is evaluated where the points are."""
-        cells = self._side.cells[np.unique(self.traction.source.facet)]
-        return np.zeros(0, np.int64) if self.is_linear else self._space.nodes[cells].ravel()
+        if self.is_linear:
+            return np.zeros(0, np.int64)
+        return self._space.nodes[self._side.cells[np.unique(self.traction.source.facet)]].ravel()
 
     def _is_rigid(self, cells):
         """Flags of the cells (n, nn) that have no node that is free to move."""
@@ -807,13 +808,13 @@ class TargetTraction:
         side, d, n = self._side, self._space.dim, len(asked)
         rows, xi, contact = asked[:, 0].astype(np.int64), asked[:, 1:d], np.ascontiguousarray(asked[:, d:-1])
         at, slope, order = self._surface(rows, xi)
-        self._first = order
         if self.is_linear:
-            self.traction = Traction(at).with_linear(self._space, self._bulk, self._name)
+            traction = Traction(at).with_linear(self._space, self._bulk, self._name)
         else:
-            self.traction = Traction(at).of_materials(self._space, self._bulk, self._name, 0.0)
+            self._first, self.traction = order, Traction(at).of_materials(self._space, self._bulk, self._name, 0.0)
+            traction = self.traction
         out = np.empty((*slope.shape[:2], m, d))
-        self.traction.derivative(np.arange(n), np.eye(d)[None] if m == d else contact[:, None], np.ones(n), out)
+        traction.derivative(np.arange(n), np.eye(d)[None] if m == d else contact[:, None], np.ones(n), out)
         # the nodes of the facets are the first ones
         every = np.arange(n)[:, None]
         nodes = self._space.nodes[side.cells[rows]][every, order]
