@@ -203,6 +203,7 @@ class Simulation:
             build.check_present(self.scene, self.mesh)
         with profile.phase("set_up"):
             self._assemble()
+        profile.spare()
         profile.mark("set_up")
 
     def _assemble(self):

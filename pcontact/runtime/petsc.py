@@ -75,6 +75,16 @@ version = PETSc.Sys.getVersion()[:2]
 
 _lib = ctypes.CDLL(PETSc.__file__)
 
+# [bytes] From which on a piece of memory goes back to the system when it is freed. From: the largest bound that glibc
+# takes by itself
+MAPPED = 2**25
+# what glibc's mallopt calls the top of the heap that goes back, that bound, and how many such pieces there are at most
+_TRIM_THRESHOLD, _MMAP_THRESHOLD, _MMAP_MAX = -1, -3, -4
+# SuperLU_DIST, which PETSc loads, has the C library keep all that is freed, and each large array would leave a hole
+if hasattr(ctypes.CDLL(None), "mallopt"):
+    for _what, _value in ((_MMAP_MAX, 2**16), (_MMAP_THRESHOLD, MAPPED), (_TRIM_THRESHOLD, 2 * MAPPED)):
+        ctypes.CDLL(None).mallopt(_what, _value)
+
 # newer versions list unused options when they end, also those that are pcontact's own; pcontact names the others itself
 # (in a library the database is the caller's)
 _options = PETSc.Options()

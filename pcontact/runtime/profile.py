@@ -77,11 +77,15 @@ def holding():
         _holding.pop()
 
 
-def forget_peak():
-    """Hand freed memory back to the system, unless it is held, and have the largest resident set begin anew, where
-    Linux can."""
+def spare():
+    """Hand freed memory back to the system, unless it is held."""
     if not _holding[-1] or memory()[1] > HELD:
         give_back()
+
+
+def forget_peak():
+    """Hand freed memory back as :func:`spare`, and have the largest resident set begin anew, where Linux can."""
+    spare()
     try:
         Path("/proc/self/clear_refs").write_text("5")
     except OSError:

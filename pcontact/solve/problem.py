@@ -607,6 +607,7 @@ class Problem:
         self._joined = JoinedPattern(apart, self.space.n_owned)
         if self.matrix.renew(bodies, (self._joined.rowptr, self._joined.columns)):
             self.pattern_changes += 1
+            profile.spare()
 
     def _sums(self, stiffness, values):
         """Values (nnz, d, d) on the pattern of the bodies, the same object where they are those of the last time, and
