@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pcontact.assembly.graph import find, multiply, node_graph
+from pcontact.assembly.graph import find, multiply, multiply_magnitudes, node_graph
 from pcontact.assembly.matrix import positions, union
 from tests.support.small import dense
 
@@ -62,3 +62,5 @@ def test_multiply(d):
     y = np.full((8, d), np.nan)
     multiply(rowptr, columns, values, x, y)
     np.testing.assert_allclose(y.ravel(), dense(rowptr, columns, values, 8) @ x.ravel(), atol=1e-13)
+    multiply_magnitudes(rowptr, columns, values, x, y)
+    np.testing.assert_allclose(y.ravel(), np.abs(dense(rowptr, columns, values, 8)) @ np.abs(x.ravel()), rtol=1e-13)

@@ -63,6 +63,9 @@ def test_numbering_is_agreed_contiguous_and_even():
     own = numbering.numbers[owner == WORLD.rank]
     # owned nodes keep the order in which they were given
     np.testing.assert_array_equal(own, numbering.start + np.arange(numbering.n_owned))
+    nodes, place = numbering.places(numbering.numbers)
+    np.testing.assert_array_equal(nodes[place], numbering.numbers)
+    assert len(np.unique(nodes)) == len(nodes)
     if WORLD.size in (2, 3):
         counts = np.diff(numbering.ranges)
         assert counts.min() > 0.5 * n_keys / WORLD.size
