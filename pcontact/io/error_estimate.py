@@ -10,7 +10,7 @@ from pcontact.estimate.loads import applied, held, missing
 from pcontact.estimate.pressure_error import pressure_error
 from pcontact.estimate.stress import Retained, mean_flow
 from pcontact.runtime.observer import Observer
-from pcontact.runtime.petsc import MPI, PETSc
+from pcontact.runtime.petsc import MPI
 
 # one more Newton step is solved to this part of its right-hand side, with so many iterations at most
 STEP_RTOL, STEP_ITERATIONS = 0.1, 50
@@ -223,21 +223,12 @@ class ErrorEstimate(Observer):
             None where there are no forces.
         """
         problem = self._problem
+        if not well:
+            return self._newton.answer(forces, STEP_RTOL, STEP_ITERATIONS)[0]
         residual, step = problem.space.vector(), problem.space.vector()
         problem.as_residual(forces.copy(), residual)
         if residual.norm() == 0.0:
             return None
-        # a solver of its own: that of Newton's iteration is not left alone; its preconditioner is good enough
-        preconditioner, matrix = self._newton.last_preconditioner(), problem.matrix.matrix
-        if well:
-            goal.solve(problem.space, matrix, preconditioner, residual, step)
-        else:
-            ksp = PETSc.KSP().create(comm=problem.space.comm)
-            ksp.setType("gmres")
-            ksp.setPC(preconditioner)
-            ksp.setOperators(matrix, matrix)
-            ksp.setTolerances(rtol=STEP_RTOL, max_it=STEP_ITERATIONS)
-            ksp.solve(residual, step)
-            ksp.destroy()
+        goal.solve(problem.space, problem.matrix.matrix, self._newton.last_preconditioner(), residual, step)
         problem.conditions.follow(step)
         return step

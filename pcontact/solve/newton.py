@@ -700,6 +700,39 @@ class Newton:
         pc.setReusePreconditioner(True)
         return pc
 
+    def answer(self, forces, rtol, most):
+        """The displacement that the tangent of the last load step answers to forces. *Collective.*
+
+        Parameters
+        ----------
+        forces : ndarray (n_owned, d)
+            [force]
+        rtol, most : float, int
+            Tolerance of the linear solve, and iterations at most.
+
+        Returns
+        -------
+        answer : PETSc.Vec or None
+            None where there are no forces.
+        converged : bool
+        """
+        problem = self.problem
+        residual, step = problem.space.vector(), problem.space.vector()
+        problem.as_residual(forces.copy(), residual)
+        if residual.norm() == 0.0:
+            return None, True
+        # a solver of its own: that of Newton's iteration is not left alone; its preconditioner is good enough
+        ksp, matrix = PETSc.KSP().create(comm=problem.space.comm), problem.matrix.matrix
+        ksp.setType("gmres")
+        ksp.setPC(self.last_preconditioner())
+        ksp.setOperators(matrix, matrix)
+        ksp.setTolerances(rtol=rtol, max_it=most)
+        ksp.solve(residual, step)
+        converged = ksp.getConvergedReason() > 0
+        ksp.destroy()
+        problem.conditions.follow(step)
+        return step, converged
+
     @property
     def carried(self):
         """Return whether the run has turned to a direct solver (1), which a restarted run goes on with, or not (0)."""
