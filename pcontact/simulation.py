@@ -347,7 +347,7 @@ class Simulation:
         name = self.spans[self.number].name if self.spans else None
         absent = [body.region for body in scene.bodies if body.absent] if self._changing else None
         bodies = [body.region for body in scene.bodies]
-        recorder = Recorder(self.problem, output.probes, bodies, name, absent, self.energy)
+        recorder = Recorder(self.problem, output.probes, bodies, name, absent, self.energy, self.newton)
         features = self.problem.features
         viscous, snap = features.viscous, features.snap
         carriers = {
@@ -355,7 +355,7 @@ class Simulation:
             "largest_energy": estimate, "partners": self.solve if self.solve.items else None,
             "viscous_work": viscous and viscous.taken, "stress_work": viscous and viscous.stressed,
             "snaps": snap and snap.taken, "fastest": features.inertia,
-            **(self.energy.carried if self.energy is not None else {}),
+            **(self.energy.carried if self.energy is not None else {}), **recorder.relieved,
         }  # fmt: skip
         self._carriers = {name: one for name, one in carriers.items() if one is not None}
         if lasting.fields:

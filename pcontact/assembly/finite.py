@@ -425,6 +425,6 @@ class MixedSolid(Bulk):
         """See :meth:`pcontact.assembly.solid.Bulk.energies`. *Collective.*"""
         return tuple(sum(parts) for parts in zip(self.small.energies(u), self.finite.energies(u), strict=True))
 
-    def distortions(self, u, held):
+    def distortions(self, u, held, relief=None):
         """Of the bodies without finite strain, see :func:`pcontact.assembly.measures.distortions`. *Collective.*"""
-        return self.small.distortions(u, held)
+        return self.small.distortions(u, held, relief)

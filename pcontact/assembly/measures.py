@@ -2,13 +2,23 @@
 
 Compiled kernel that says how far bodies with small strain are from what small strain represents.
 
-With the displacement gradient H at a place in a cell, small strain e = sym H and the rotation w, the axial vector of
-skew H, the strain that leaves rigid motions out is
+With the displacement gradient H at a place in a cell, small strain e = sym H and w = skew H, the logarithmic strain is
 
-    e + 1/2 (|w|^2 I - w w) + O(e^2)
+    e + q - 1/2 e e,   q = 1/2 (-w w + e w - w e)
 
-What small strain leaves out of it does the work  1/2 s : (|w|^2 I - w w)  with the stress s, and beyond  s : O(e^2),
-which is |e| / 2 times the work  s : e  or less.
+up to terms of the third order.
+
+What small strain leaves out makes, with the stress s = C e, the potential of a motion x u, along which the bodies give
+way by x^2 v, differ from the quadratic one by (Koiter's expansion, of a structure)
+
+    x^3 <s, q> + x^4 1/2 <C (e(v) + q), e(v) + q>
+
+where v, zero on supports, makes the last term least: what is left of it are the membrane forces of plates and beams.
+The displacement v answers the forces  - <C q, e(.)>  with the tangent.  The force along u is the derivative: at x = 1
+it differs from <s, e> by  3 <s, q> + 2 <C (e(v) + q), e(v) + q>.  The part of a body among others in the first sum
+is <s, q + e(v)> less the work of the loads along v: for all of them together <s, e(v)> is that work, and a body that
+turns together with all that it touches has e(v) = -q. The term - 1/2 e e is another matter, of the strain alone; it
+counts where it makes up for <s, q>, as it does where bodies are pressed into each other.
 """
 
 from typing import NamedTuple
@@ -16,18 +26,18 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact.assembly.geometry import chunks, hoop, points_of
+from pcontact.assembly.viscous import Sum
 from pcontact.element.quadrature import quadrature
-from pcontact.element.reference import shape, shape_gradient
-from pcontact.material.elastic import indices
+from pcontact.element.reference import CELLS, shape, shape_gradient
+from pcontact.material.elastic import HALF, indices
 from pcontact.material.hardening import RADIUS
 from pcontact.material.log_strain import compose, eigenpairs, twice_green
-from pcontact.runtime.jit import njit
+from pcontact.runtime.jit import njit, njit_inline
 from pcontact.runtime.petsc import MPI
 
 # sums of `add_distortion`, one after the other
-VOLUME, WORK, STRAIN, TURN, TURN_WORK, STIFFENING = range(6)
-SUMS = 6
-ROOT = np.sqrt(2.0)
+VOLUME, WORK, STRAIN, TURN, TURN_WORK, STIFFENING, MEMBRANE, STRETCH = range(8)
+SUMS = 8
 
 
 class Places(NamedTuple):
@@ -74,107 +84,181 @@ class Stiffness(NamedTuple):
     rest : ndarray (k, 6, 6)
         What an orthotropic stiffness differs by, in Mandel components [stress]: of all cells (k = 1), or of each of
         them; k = 0 of an isotropic one.
+    free : ndarray (k, 6)
+        Strain of the cells without stress, such as that of heat, in Mandel components; k = 0 without.
     """
 
     lam: float
     mu: float
     limit: float
     rest: np.ndarray
+    free: np.ndarray
+
+
+@njit_inline
+def _gradient(centres, nodal, c, inverse, scale, out):
+    """Displacement gradient (3, 3) of a cell; returns its radial displacement."""
+    cells, dshape = centres.cells, centres.dshape
+    d, across = nodal.shape[1], 0.0
+    out[:, :] = 0.0
+    for a in range(cells.shape[1]):
+        node = cells[c, a]
+        across += centres.shape[a] * nodal[node, 0]
+        for k in range(d):
+            slope = 0.0
+            for j in range(d):
+                slope += dshape[a, j] * inverse[j, k] * scale
+            for i in range(d):
+                out[i, k] += nodal[node, i] * slope
+    return across
+
+
+@njit_inline
+def _mandel(h, out):
+    """Symmetric part of a matrix (3, 3) in Mandel components."""
+    out[0], out[1], out[2] = h[0, 0], h[1, 1], h[2, 2]
+    out[3], out[4], out[5] = HALF * (h[0, 1] + h[1, 0]), HALF * (h[1, 2] + h[2, 1]), HALF * (h[0, 2] + h[2, 0])
+
+
+@njit_inline
+def _stress(stiffness, c, strain, out):
+    """Stress of a strain in a cell, both in Mandel components."""
+    lam, mu, rest = stiffness.lam, stiffness.mu, stiffness.rest
+    pressure = lam * (strain[0] + strain[1] + strain[2])
+    for i in range(6):
+        out[i] = 2.0 * mu * strain[i] + (pressure if i < 3 else 0.0)
+    if len(rest) > 0:
+        for i in range(6):
+            for j in range(6):
+                out[i] += rest[c if len(rest) > 1 else 0, i, j] * strain[j]
+
+
+@njit_inline
+def _add_force(centres, c, stress, volume, inverse, scale, radius, out):
+    """Add the nodal forces of a stress in a cell, in Mandel components."""
+    cells, dshape, d = centres.cells, centres.dshape, out.shape[1]
+    slope = np.zeros(3)
+    for a in range(cells.shape[1]):
+        node = cells[c, a]
+        for k in range(d):
+            slope[k] = 0.0
+            for j in range(d):
+                slope[k] += dshape[a, j] * inverse[j, k] * scale
+        out[node, 0] += volume * (stress[0] * slope[0] + HALF * (stress[3] * slope[1] + stress[5] * slope[2]))
+        out[node, 1] += volume * (stress[1] * slope[1] + HALF * (stress[3] * slope[0] + stress[4] * slope[2]))
+        if d == 3:
+            out[node, 2] += volume * (stress[2] * slope[2] + HALF * (stress[4] * slope[1] + stress[5] * slope[0]))
+        if centres.ring:
+            out[node, 0] += volume * stress[2] * centres.shape[a] / radius
 
 
 @njit
-def add_distortion(centres, nodal, stiffness, held, sums, largest):
+def add_distortion(centres, nodal, second, stiffness, sums, largest, forces):
     """Add what the cells of a block say of small strain to ``sums``.
 
     Parameters
     ----------
     centres : Places
     nodal : ndarray (n, d)
-        Displacement [length].
+        Displacement u [length].
+    second : ndarray (n, d)
+        Displacement v by which bodies give way to q [length]; n = 0: zero.
     stiffness : Stiffness
-    held : ndarray (nc,) of bool
-        Whether a support holds the body of a cell: what stiffens others lets them go elsewhere.
-    sums : ndarray (6,)
-        Integrals of 1, of the work density W = s : e, of W |e|, |w|^2, W |w|^2, and of
-        1/2 s : (|w|^2 I - w w) where held.
+    sums : ndarray (8,)
+        Integrals of 1, of the work density W = s : e, of W |e|, |w|^2, W |w|^2, of s : (e(v) + q), of
+        1/2 C (e(v) + q) : (e(v) + q), and of -1/2 s : (e e).
     largest : ndarray (2,)
         Overwritten: largest of the errors |e| / 2 and |w|^2 / 2 of a cell, and its number; -1, -1 without cells.
+    forces : ndarray (n, d)
+        The nodal forces of the stress C q are added [force]; n = 0: they are not wanted.
     """
-    places, table, cells, dgeo, dshape = centres.places, centres.table, centres.cells, centres.dgeo, centres.dshape
-    lam, mu, limit = stiffness.lam, stiffness.mu, stiffness.limit
-    d, rest = nodal.shape[1], stiffness.rest
-    strain, stress = np.zeros(6), np.zeros(6)
-    jacobian, inverse, reference, h = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3))
+    places, table, dgeo = centres.places, centres.table, centres.dgeo
+    d, free = nodal.shape[1], stiffness.free
+    strain, stress, beyond, more, square = np.zeros(6), np.zeros(6), np.zeros(6), np.zeros(6), np.zeros(6)
+    jacobian, inverse = np.zeros((3, 3)), np.zeros((3, 3))
+    h, q, twice = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3))
     largest[:] = -1.0
-    for c in range(cells.shape[0]):
+    for c in range(centres.cells.shape[0]):
         jacobian[:, :] = 0.0
-        reference[:, :] = 0.0
-        h[:, :] = 0.0
         jacobian[2, 2] = 1.0 if d == 2 else 0.0
-        radius, across = 0.0, 0.0
+        radius = 0.0
         for a in range(table.shape[1]):
             node = table[c, a]
             radius += centres.geo[a] * places[node, 0]
             for i in range(d):
                 for j in range(d):
                     jacobian[i, j] += places[node, i] * dgeo[a, j]
-        for a in range(cells.shape[1]):
-            node = cells[c, a]
-            across += centres.shape[a] * nodal[node, 0]
-            for i in range(d):
-                for j in range(d):
-                    reference[i, j] += nodal[node, i] * dshape[a, j]
         for i in range(3):
             k, m = (i + 1) % 3, (i + 2) % 3
             for j in range(3):
-                p, q = (j + 1) % 3, (j + 2) % 3
-                inverse[j, i] = jacobian[k, p] * jacobian[m, q] - jacobian[k, q] * jacobian[m, p]
+                p, r = (j + 1) % 3, (j + 2) % 3
+                inverse[j, i] = jacobian[k, p] * jacobian[m, r] - jacobian[k, r] * jacobian[m, p]
         det = jacobian[0, 0] * inverse[0, 0] + jacobian[0, 1] * inverse[1, 0] + jacobian[0, 2] * inverse[2, 0]
         scale = 1.0 / det
-        for i in range(d):
-            for j in range(d):
-                for k in range(d):
-                    h[i, j] += reference[i, k] * inverse[k, j] * scale
+        across = _gradient(centres, nodal, c, inverse, scale, h)
         volume = centres.weight * det
         if centres.ring:
             h[2, 2] = across / radius
             volume *= 2.0 * np.pi * radius
-        yz, xz, xy = 0.5 * (h[1, 2] + h[2, 1]), 0.5 * (h[0, 2] + h[2, 0]), 0.5 * (h[0, 1] + h[1, 0])
-        wx, wy, wz = 0.5 * (h[2, 1] - h[1, 2]), 0.5 * (h[0, 2] - h[2, 0]), 0.5 * (h[1, 0] - h[0, 1])
-        xx, yy, zz = h[0, 0], h[1, 1], h[2, 2]
-        trace = xx + yy + zz
-        square = xx * xx + yy * yy + zz * zz + 2.0 * (yz * yz + xz * xz + xy * xy)
-        size, turn = np.sqrt(square), wx * wx + wy * wy + wz * wz
-        part = volume if size <= limit else volume * limit / size
-        work = part * (2.0 * mu * square + lam * trace * trace)
-        if len(rest) > 0:
-            strain[0], strain[1], strain[2] = xx, yy, zz
-            strain[3], strain[4], strain[5] = ROOT * xy, ROOT * yz, ROOT * xz
+        # H^T H - e e has the symmetric part  -w w + e w - w e
+        for i in range(3):
+            for j in range(3):
+                q[i, j], twice[i, j] = 0.0, 0.0
+                for k in range(3):
+                    q[i, j] += 0.5 * h[k, i] * h[k, j]
+                    twice[i, j] += 0.25 * (h[i, k] + h[k, i]) * (h[k, j] + h[j, k])
+                q[i, j] -= 0.5 * twice[i, j]
+        _mandel(h, strain)
+        _mandel(q, beyond)
+        _mandel(twice, square)
+        if len(free) > 0:
             for i in range(6):
-                stress[i] = 0.0
-                for j in range(6):
-                    stress[i] += rest[c if len(rest) > 1 else 0, i, j] * strain[j]
-                work += part * stress[i] * strain[i]
+                strain[i] -= free[c, i]
+        _stress(stiffness, c, strain, stress)
+        turn, size, work = 0.0, 0.0, 0.0
+        for i in range(3):
+            j = (i + 1) % 3
+            turn += 0.25 * (h[i, j] - h[j, i]) ** 2
+        for i in range(6):
+            size += strain[i] * strain[i]
+            work += stress[i] * strain[i]
+        size = np.sqrt(size)
+        part = volume if size <= stiffness.limit else volume * stiffness.limit / size
+        work *= part
+        if len(forces) > 0:
+            _stress(stiffness, c, beyond, more)
+            _add_force(centres, c, more, part, inverse, scale, radius, forces)
+        if len(second) > 0:
+            across = _gradient(centres, second, c, inverse, scale, h)
+            if centres.ring:
+                h[2, 2] = across / radius
+            _mandel(h, more)
+            for i in range(6):
+                beyond[i] += more[i]
+        _stress(stiffness, c, beyond, more)
         sums[VOLUME] += volume
         sums[WORK] += work
         sums[STRAIN] += work * size
         sums[TURN] += volume * turn
         sums[TURN_WORK] += work * turn
-        if held[c]:
-            # the stress across the plane of a rotation, if it has one, cancels
-            along = xx * wx * wx + yy * wy * wy + zz * wz * wz + 2.0 * (yz * wy * wz + xz * wx * wz + xy * wx * wy)
-            sums[STIFFENING] += part * ((lam + mu) * turn * trace - mu * along)
-            if len(rest) > 0:
-                across = stress[3] * wx * wy + stress[4] * wy * wz + stress[5] * wx * wz
-                along = stress[0] * wx * wx + stress[1] * wy * wy + stress[2] * wz * wz + ROOT * across
-                sums[STIFFENING] += 0.5 * part * (turn * (stress[0] + stress[1] + stress[2]) - along)
+        for i in range(6):
+            sums[STIFFENING] += part * stress[i] * beyond[i]
+            sums[MEMBRANE] += 0.5 * part * more[i] * beyond[i]
+            sums[STRETCH] -= 0.5 * part * stress[i] * square[i]
         error = 0.5 * max(size, turn)
         if error > largest[0]:
             largest[0], largest[1] = error, c
 
 
-# [degrees] Turn of bodies with small strain that needs no word. From: they shrink by less than 0.1 %, 1 - cos.
-SLIGHT = 2.5
+# [-] Bound of the stiffening from which on it is worth a linear solve. From: half of what a run says (observers.py).
+WORTH = 0.01
+# [-] So many times the bound of the last linear solve, or the inverse, is worth another one. From: chosen; between them
+# the part of the bound that bodies do not give way to is nearly the same, as q grows with the square of a motion.
+AGAIN = 2.0
+# [-] Part of q that may be left of e(v) + q without a word. From: chosen; a strain of 1e-6 of one of 1e-2.
+LEFT = 1e-4
+# [-] Part of the work of all bodies that is none in one of them. From: a thousandth of the strain.
+NO_WORK = 1e-6
 
 
 class Distortion(NamedTuple):
@@ -187,7 +271,8 @@ class Distortion(NamedTuple):
     rotation : float
         Root of the mean square, by volume or by that work, whichever is larger [degrees].
     stiffening : float
-        Work of the stresses along what the rotation makes of lengths, over that along the strain; without supports 0.
+        Size of the relative change of the forces by the strains that rotations make and bodies do not give way to; no
+        more than that where it is less than `WORTH`.
     place : tuple of float
         Reference position where the strain or the rotation is largest [length].
     """
@@ -200,17 +285,16 @@ class Distortion(NamedTuple):
     @property
     def errors(self):
         """Parts by which strain, rotation, and the rotation against the strain put results wrong, about."""
-        turn = 0.5 * np.radians(self.rotation) ** 2
-        return 0.5 * self.strain, turn, self.stiffening if self.rotation > SLIGHT else 0.0
+        return 0.5 * self.strain, 0.5 * np.radians(self.rotation) ** 2, self.stiffening
 
 
-def _places(space, number):
-    """Places in the cells of a block, one after the other: the centre where the displacement is of degree 1; of degree
-    2 the strain of a single cell across a body bends it, and is none at the centre."""
+def _places(space, number, every=False):
+    """Places in the cells of a block, one after the other: the centre where the displacement is of degree 1, unless
+    `every` one is wanted; of degree 2 the strain of a single cell across a body bends it, and is none at the centre."""
     mesh, block = space.mesh, space.mesh.blocks[number]
     table, degree = mesh.geometry_nodes(block)
-    points, weights = quadrature(block.cell, space.degree)
-    if space.degree == 1:
+    points, weights = quadrature(block.cell, 2 * space.degree if every else space.degree)
+    if space.degree == 1 and not every:
         points, weights = (weights @ points / weights.sum())[None, :], weights.sum(keepdims=True)
     for xi, weight in zip(points[:, None, :], weights, strict=True):
         yield Places(
@@ -222,18 +306,79 @@ def _places(space, number):
         )  # fmt: skip
 
 
-def _rest(law, centres):
-    """Difference of the stiffness of a law from an isotropic one at places of cells (k, 6, 6); k = 0 without."""
-    if not law.anisotropic:
-        return np.zeros((0, 6, 6))
+def _stiffness(bulk, number, centres):
+    """:class:`Stiffness` of the cells of a block at a place of each."""
+    body = bulk.space.mesh.blocks[number].body
+    (lam, mu), law = bulk.constants[body], bulk.materials[body]
     some = centres.table[:1] if law.uniform else centres.table
-    deviation = law.deviation(np.einsum("a,cad->cd", centres.geo, centres.places[some]))
-    out = np.zeros((len(deviation), 6, 6))
-    out[:, : law.size, : law.size] = deviation
-    return out
+    x, rest, free = np.einsum("a,cad->cd", centres.geo, centres.places[some]), np.zeros((0, 6, 6)), np.zeros((0, 6))
+    if law.anisotropic:
+        deviation = law.deviation(x)
+        rest = np.zeros((len(deviation), 6, 6))
+        rest[:, : law.size, : law.size] = deviation
+    if bulk.heat is not None and bulk.heat.heated(number):
+        moduli = law.stiffness(x)
+        size, stress = moduli.shape[1], bulk.heat.means[number] * [1.0, 1.0, 1.0, *[1.0 / HALF] * 3]
+        free = np.zeros_like(stress)
+        free[:, :size] = (np.linalg.pinv(moduli) @ stress[:, :size, None])[:, :, 0]
+    return Stiffness(lam, mu, RADIUS * law.limit / (2.0 * mu), rest, free)
 
 
-def distortions(bulk, u, held):
+def _sums(bulk, nodal, second, forces):
+    """Sums (n, 7) of :func:`add_distortion` over the bodies, on all ranks, and where each is worst, on this one; with a
+    second displacement the work is that of all points of cells of degree 1. *Collective.*"""
+    space, of = bulk.space, np.zeros((len(bulk.constants), SUMS))
+    largest, none = [(-1.0, ())] * len(of), np.zeros((0, space.dim))
+    for number, block in enumerate(space.mesh.blocks):
+        if bulk.constants[block.body][1] == 0.0:
+            continue
+        moved, worst, own, again = bulk.moved(nodal, number), np.zeros(2), of[block.body], np.zeros(SUMS)
+        for at in _places(space, number):
+            add_distortion(at, moved, second, _stiffness(bulk, number, at), again, worst, forces)
+            if worst[0] >= 0.0:
+                place = at.geo @ at.places[at.table[int(worst[1])]]
+                largest[block.body] = max(largest[block.body], (float(worst[0]), tuple(place.tolist())))
+        if len(second) and space.degree == 1 and not (CELLS[block.cell].is_simplex or space.averages(block)):
+            # single cells across a body that is bent have no strain in the middle
+            every = np.zeros(SUMS)
+            for at in _places(space, number, True):
+                add_distortion(at, moved, none, _stiffness(bulk, number, at), every, worst, none)
+            again[WORK] = every[WORK]
+        own += again
+    return space.comm.allreduce(of, op=MPI.SUM), largest
+
+
+class Relief:
+    """What bodies give way to.
+
+    Parameters
+    ----------
+    answer : callable
+        From a displacement, a vector, and forces (n_owned, d) to the displacement, a vector, that answers them there,
+        and the loads (n_owned, d); None where that is not known.
+    n_bodies : int
+
+    Attributes
+    ----------
+    sums : list of pcontact.assembly.viscous.Sum
+        What a restarted run goes on with: the largest bound of the last linear solve, 0 before, and of every body the
+        part of its bound that it did not give way to.
+    """
+
+    def __init__(self, answer, n_bodies):
+        self.answer, self.sums = answer, [Sum() for _ in range(1 + n_bodies)]
+
+    def __call__(self, bound, find):
+        """Return the stiffening (n,) of bodies of which a bound is known; `find()` says what it is. *Collective.*"""
+        most, asked = float(bound.max()), self.sums[0].carried
+        if not asked / AGAIN <= most <= asked * AGAIN:
+            parts = find() / np.maximum(bound, 1e-300)
+            for one, number in zip(self.sums, (most, *parts), strict=True):
+                one.carried = float(number)
+        return bound * [one.carried for one in self.sums[1:]]
+
+
+def distortions(bulk, u, held, relief=None):
     """Of all bodies with small strain. *Collective.*
 
     Parameters
@@ -242,7 +387,8 @@ def distortions(bulk, u, held):
         Bodies without stiffness in it are left out: another item has them.
     u : PETSc.Vec
     held : ndarray (n_components,) of bool
-        Connected components that a support holds.
+        Connected components that a support holds: if nothing more is known, what stiffens others lets them go.
+    relief : Relief, optional
 
     Returns
     -------
@@ -250,30 +396,66 @@ def distortions(bulk, u, held):
         By body of the scene, the same on every rank.
     """
     space, comm = bulk.space, bulk.space.comm
-    nodal = space.local.gather(u)
-    bodies = [body for body, (_, mu) in enumerate(bulk.constants) if mu > 0.0]
-    sums, largest = np.zeros((len(bulk.constants), SUMS)), [(-1.0, ())] * len(bulk.constants)
-    for number, block in enumerate(space.mesh.blocks):
-        lam, mu = bulk.constants[block.body]
-        if mu == 0.0:
-            continue
-        material, moved, worst = bulk.materials[block.body], bulk.moved(nodal, number), np.zeros(2)
-        for at in _places(space, number):
-            stiffness = Stiffness(lam, mu, RADIUS * material.limit / (2.0 * mu), _rest(material, at))
-            add_distortion(at, moved, stiffness, held[block.components], sums[block.body], worst)
-            if worst[0] >= 0.0:
-                place = at.geo @ at.places[at.table[int(worst[1])]]
-                largest[block.body] = max(largest[block.body], (float(worst[0]), tuple(place.tolist())))
-    sums = comm.allreduce(sums, op=MPI.SUM)
+    nodal, none = space.local.gather(u), np.zeros((0, space.dim))
+    sums, largest = _sums(bulk, nodal, none, none)
+    # whatever the bodies give way to: no more than that
+    stiffening = (3.0 * np.abs(sums[:, STIFFENING]) + 4.0 * sums[:, MEMBRANE]) / _work(sums)
+    if np.any(stiffening > WORTH):
+        if relief is None:
+            stiffening = _unrelieved(bulk, held, sums)
+        else:
+            stiffening = relief(stiffening, lambda: _stiffening(bulk, u, held, relief.answer, sums))
     places = [max(found)[1] for found in zip(*comm.allgather(largest), strict=True)]
     # bodies that are absent have no cells
-    return {body: _of(sums[body], places[body]) for body in bodies if sums[body][VOLUME] > 0.0}
+    return {body: _of(sums[body], float(stiffening[body]), places[body]) for body in range(len(sums))
+            if sums[body][VOLUME] > 0.0}  # fmt: skip
 
 
-def _of(sums, place):
+def _work(sums):
+    """Work (n_bodies,) of the bodies, to divide by."""
+    return np.maximum(sums[:, WORK], max(NO_WORK * float(sums[:, WORK].sum()), 1e-300))
+
+
+def _unrelieved(bulk, held, sums):
+    """Relative change (n_bodies,) of forces of which nothing is known that bodies give way to. *Collective.*"""
+    stays = np.zeros(len(sums))
+    for block in bulk.space.mesh.blocks:
+        stays[block.body] += np.count_nonzero(held[block.components])
+    stays = bulk.space.comm.allreduce(stays, op=MPI.SUM) > 0
+    return np.where(stays, 3.0 * np.abs(sums[:, STIFFENING]) / _work(sums), 0.0)
+
+
+def _stiffening(bulk, u, held, answers, sums):
+    """Relative change (n_bodies,) of forces, with what the bodies give way to. *Collective.*"""
+    space, comm, nodal = bulk.space, bulk.space.comm, bulk.space.local.gather(u)
+    forces, none = np.zeros((space.n_local, space.dim)), np.zeros((0, space.dim))
+    _sums(bulk, nodal, none, forces)
+    answer = answers(u, -space.summed(space.local, forces))
+    if answer is None:
+        return _unrelieved(bulk, held, sums)
+    second = space.local.gather(answer[0])
+    after, _ = _sums(bulk, nodal, second, none)
+    body = np.zeros(space.n_local, dtype=np.int64)
+    for block, cells in zip(space.mesh.blocks, space.cells, strict=True):
+        body[cells] = block.body
+    taken = np.sum(answer[1] * second[space.owned_local], axis=1)
+    loads = np.bincount(body[space.owned_local], taken, len(sums))
+    first, membrane = after[:, STIFFENING] - comm.allreduce(loads, op=MPI.SUM), after[:, MEMBRANE]
+    # where next to nothing is left of q, that is what the linear solve has left
+    first[np.abs(first) < LEFT * np.sqrt(2.0 * np.maximum(sums[:, MEMBRANE] * after[:, WORK], 0.0))] = 0.0
+    membrane[membrane < LEFT**2 * sums[:, MEMBRANE]] = 0.0
+    # what all bodies resist changes by the sum of the parts, and is said of those that make it, but for what strain
+    # alone does against it; it may be little although a body that does little of the work has a membrane force
+    parts, work = 3.0 * first + 4.0 * membrane, max(float(after[:, WORK].sum()), 1e-300)
+    change = min(abs(float(parts.sum())), abs(float(parts.sum() + 3.0 * after[:, STRETCH].sum()))) / work
+    share = np.abs(parts) / max(float(np.abs(parts).max()), 1e-300)
+    return np.maximum(change * share, np.minimum(np.abs(parts), 4.0 * membrane) / _work(after))
+
+
+def _of(sums, stiffening, place):
     work, volume = max(sums[WORK], 1e-300), max(sums[VOLUME], 1e-300)
     rotation = np.degrees(np.sqrt(max(sums[TURN] / volume, sums[TURN_WORK] / work)))
-    return Distortion(float(sums[STRAIN] / work), float(rotation), float(abs(sums[STIFFENING]) / work), place)
+    return Distortion(float(sums[STRAIN] / work), float(rotation), stiffening, place)
 
 
 # [-] sine of an angle below which the axis of a turn by about 180 degrees is that of the largest diagonal entry. From:

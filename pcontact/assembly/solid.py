@@ -140,7 +140,7 @@ class Bulk(Item):
         :func:`pcontact.assembly.measures.deformations`; of others nothing. *Collective.*"""
         return {}
 
-    def distortions(self, u, held):
+    def distortions(self, u, held, relief=None):
         """Measure how far bodies with small strain are from what it represents, see
         :func:`pcontact.assembly.measures.distortions`; of those with finite strain nothing. *Collective.*"""
         return {}
@@ -637,9 +637,9 @@ class Solid(Bulk):
                 supplied -= 0.5 * float(np.sum(jxw.ravel() * (first + last) * (hot - cold)))
         return supplied
 
-    def distortions(self, u, held):
+    def distortions(self, u, held, relief=None):
         """See :func:`pcontact.assembly.measures.distortions`. *Collective.*"""
-        return distortions(self, u, held)
+        return distortions(self, u, held, relief)
 
     def stress(self, u):
         """Mean stress of every cell. *Collective.*

@@ -158,8 +158,9 @@ class SmallStrain(Observer):
         error, at = found["error"], " ".join(f"{v + 0.0:.4g}" for v in found["place"])
         log.warning(
             "time %g: body %s goes beyond small strain: a strain of %.2g and a rotation by %.2g degrees in the mean, "
-            "most at (%s), put results wrong by %s; remedy: strain = \"finite\"%s",
+            "most at (%s), put %s wrong by %s; remedy: strain = \"finite\"%s",
             time, name, found["strain"], found["rotation"], at,
+            "forces, for what rotations make of lengths," if error == found["stiffening"] else "results",
             "100 % or more" if error > 1.0 else f"about {100.0 * error:.2g} %", UNITS if error > FAR else "",
         )  # fmt: skip
 

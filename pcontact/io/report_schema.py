@@ -87,7 +87,7 @@ _CONTACT = table(
 _STRAIN = table(
     "of one body", (), error=number("about how wrong small strain puts its results, as a part of them [-]"),
     strain=number("mean strain [-]"), rotation=number("mean rotation [degrees]"),
-    stiffening=number("relative change of the stiffness that small strain leaves out [-]"),
+    stiffening=number("relative change of forces by what rotations make of lengths, which is left out [-]"),
     place=vector("where most of it is, in the undeformed body [length]"),
 )  # fmt: skip
 _FINITE = table(

@@ -3,11 +3,12 @@
 import numpy as np
 
 from pcontact.assembly.loads import region_weights
+from pcontact.assembly.measures import Relief
 from pcontact.contact.active_set import DEEPER
 from pcontact.material.elastic import equivalent_stress
 from pcontact.mesh.mesh import bounding_box
 from pcontact.runtime import log
-from pcontact.runtime.petsc import MPI
+from pcontact.runtime.petsc import MPI, PETSc
 from pcontact.solve.convergence import MOVED, NEARLY
 from pcontact.solve.problem import ROUNDINGS
 from pcontact.stepping.loose import Announcer
@@ -24,6 +25,11 @@ VISCOUS = 1e-3
 # [-] Part of the energy that there is which may be missing, or come from nowhere in a motion, without a word.
 # From: chosen, of the order of what integrators dissipate in an impact.
 ENERGY_PART = 1e-2
+# [-] What bodies give way to is asked of the tangent to this part. From: what is said of it then depends on the number
+# of ranks by no more than other numbers do.
+SECOND_RTOL = 1e-11
+# [-] Iterations that it may take. From: chosen, some times as many as a linear solve takes.
+SECOND_ITERATIONS = 400
 # [load steps] For so long all points have been open where what contact stores is nothing. From: chosen, longer than
 # points of bodies that part open and close.
 PARTED = 10
@@ -44,13 +50,15 @@ class Recorder:
     absent : list of str, optional
         Bodies that are not there in it, in a run in which some come or go.
     energy : pcontact.stepping.energy.EnergyBalance, optional
+    newton : pcontact.solve.newton.Newton, optional
+        It says what bodies give way to; absent: nothing is known of that.
 
     Notes
     -----
     The constructor is *Collective*.
     """
 
-    def __init__(self, problem, probes, bodies=(), phase=None, absent=None, energy=None):
+    def __init__(self, problem, probes, bodies=(), phase=None, absent=None, energy=None, newton=None):
         self._phase, self._absent, self._energy = phase, absent, energy
         # the largest sum of magnitudes of the run so far, which a restarted run goes on with
         self._problem, self.carried, self._told = problem, 0.0, set()
@@ -59,12 +67,20 @@ class Recorder:
         self._announce = Announcer(problem.space.mesh.component_names)
         space = problem.space
         self._bodies, self._held = bodies, _held(problem) if bodies else None
+        # the tangent of a motion has the masses in it
+        known = newton is not None and problem.features.inertia is None
+        self._newton, self._relief = newton, Relief(self._answer, len(bodies)) if known else None
         owned = np.zeros(space.n_local, dtype=bool)
         owned[space.owned_local] = True
         self._probes = {}
         for name in probes:
             nodes, (weights, total, _) = space.region(name), region_weights(space, name)
             self._probes[name] = nodes[owned[nodes]], weights / (total or 1.0)
+
+    @property
+    def relieved(self):
+        """What a restarted run goes on with of what its bodies give way to."""
+        return {} if self._relief is None else {f"relief_{k}": one for k, one in enumerate(self._relief.sums)}
 
     def __call__(self, step, u):
         """Record of a converged step, the same on every rank. *Collective.*
@@ -279,12 +295,21 @@ class Recorder:
     def _distortions(self, u):
         """Measure how far the bodies with small strain are from what it represents, by region. *Collective.*"""
         result = {}
-        for number, found in self._problem.bulk.distortions(u, self._held).items():
+        for number, found in self._problem.bulk.distortions(u, self._held, self._relief).items():
             result[self._bodies[number]] = {
                 "error": float(max(found.errors)), "strain": found.strain, "rotation": found.rotation,
                 "stiffening": found.stiffening, "place": list(found.place),
             }  # fmt: skip
         return result
+
+    def _answer(self, u, forces):
+        """The displacement that forces (n_owned, d) make beside those at work, and the loads (n_owned, d); None where
+        the linear solver does not find it. *Collective.*"""
+        try:
+            answer, converged = self._newton.answer(forces, SECOND_RTOL, SECOND_ITERATIONS)
+        except PETSc.Error:
+            return None
+        return (answer, self._problem.forces.applied(u)) if converged and answer is not None else None
 
     def _probe(self, nodes, weights, u):
         """Mean over the region, least and largest displacement of its nodes. *Collective.*"""

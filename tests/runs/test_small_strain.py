@@ -5,11 +5,23 @@ import json
 
 import pytest
 
-from meshes import indent, two_blocks
+from meshes import indent, one_block, two_blocks
 from pcontact.runtime import log
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
-from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Obstacle, Output, Scene, Steps
+from pcontact.scene.model import (
+    Body,
+    Contact,
+    Displacement,
+    Load,
+    Material,
+    MeshSpec,
+    Obstacle,
+    Output,
+    Scene,
+    Steps,
+    Temperature,
+)
 from pcontact.simulation import Simulation
 
 WORLD = MPI.COMM_WORLD
@@ -87,3 +99,69 @@ def test_a_ball_in_a_perfectly_plastic_block(tmp_path, depth, beyond):
     report, said = run(case)
     assert bool(said) == beyond
     assert report["steps"][-1]["plastic"]["max_equivalent_strain"] > (0.3 if beyond else 0.0)
+
+
+THIN = 0.05
+
+
+def beam(path, *displacements, order=2, loads=(), **more):
+    """A beam of length 1 whose left end is clamped."""
+    return Scene(
+        MeshSpec(path, order=order), {"m": Material(10.0, 0.3)}, [Body("block", "m")],
+        displacements=[Displacement("left", [0, 0]), *displacements], loads=list(loads), output=Output(fields=False),
+        **more,
+    )  # fmt: skip
+
+
+@pytest.mark.parallel(1, 3)
+@pytest.mark.parametrize("order, n, tolerance", [(2, (20, 2), 0.02), (1, (40, 4), 0.12)])
+def test_a_beam_held_at_both_ends(shared_tmp, order, n, tolerance):
+    """Half of it: the deflection w0 (3 s^2 - 2 s^3) has a mean of w'^2 / 2 of 0.6 w0^2, and forces 0.72 (w0 / h)^2."""
+    path = shared_tmp / f"beam{order}.msh"
+    on_root(WORLD, lambda: one_block(path, 2, n, size=(1.0, THIN), order=order))
+    for part in (0.1, 0.5):
+        report, said = run(beam(path, Displacement("right", [0, -part * THIN]), order=order))
+        found = report["steps"][-1]["small_strain"]["block"]
+        assert found["strain"] < 0.003 and found["rotation"] < 2.5
+        assert found["stiffening"] == pytest.approx(0.72 * part**2, rel=tolerance)
+        assert bool(said) == (part > 0.2)
+
+
+@pytest.mark.parametrize("order, n", [(2, (20, 2)), (1, (80, 4))])
+def test_a_cantilever_has_no_membrane_force(tmp_path, order, n):
+    path, tip = one_block(tmp_path / "beam.msh", 2, n, size=(1.0, THIN), order=order), 0.1
+    load = Load("right", traction=[0.0, -10.0 * tip * THIN**2 / 4.0 / 0.91])
+    report, said = run(beam(path, loads=[load], order=order))
+    found = report["steps"][-1]["small_strain"]["block"]
+    assert not said and found["rotation"] > 3.0 and found["stiffening"] < 0.002
+
+
+def test_a_load_along_a_beam(tmp_path):
+    """A cantilever in compression by a part of Euler's load is softer by the moment of that part."""
+    path, part, tip = one_block(tmp_path / "beam.msh", 2, (20, 2), size=(1.0, THIN), order=2), 0.05, 0.02
+    bending = 10.0 / 0.91 * THIN**3 / 12.0
+    along, across = part * 2.4674 * bending, 3.0 * bending * tip
+    report, said = run(beam(path, loads=[Load("right", traction=[-along / THIN, -across / THIN])]))
+    found = report["steps"][-1]["small_strain"]["block"]
+    # the mean of w'^2 is 1.2 tip^2; the work is that of both loads
+    expected = 1.5 * along * 1.2 * tip**2 / (across * tip + along**2 * 0.91 / (10.0 * THIN))
+    assert found["stiffening"] == pytest.approx(expected, rel=0.05) and len(said) == 1
+
+
+@pytest.mark.parallel(1, 2)
+@pytest.mark.parametrize("holds", [False, True])
+def test_a_stack_that_turns_as_a_whole(mesh, holds):
+    """Two blocks that strain each other, as they are heated: a turn by 5 degrees does nothing to them, unless a support
+    keeps what a linear turn makes longer."""
+    ends = [Displacement("lower_corner_00", [0, 0]), Displacement("lower_corner_10", [0 if holds else "free", 0.0873])]
+    case = Scene(
+        MeshSpec(mesh), {"a": Material(10.0, 0.3, expansion=2e-3), "b": Material(10.0, 0.3)},
+        [Body("lower", "b"), Body("upper", "a")], displacements=ends, temperatures=[Temperature(1.0)],
+        contacts=[Contact("upper_bottom", "lower_top", name="pair", tied=True)], output=Output(fields=False),
+    )  # fmt: skip
+    report, said = run(case)
+    found = report["steps"][-1]["small_strain"]
+    for body in ("lower", "upper"):
+        assert 4.9 < found[body]["rotation"] < 5.1
+        assert found[body]["stiffening"] < 1e-3 or holds
+    assert bool(said) == holds
