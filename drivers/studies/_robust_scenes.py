@@ -312,9 +312,9 @@ def snapping(folder, load=0.5, count=20):
     )  # fmt: skip
 
 
-def drawn(folder, deep=0.3, count=30):
+def drawn(folder, deep=0.3, count=30, cells=(40, 2)):
     """A thin round sheet that yields, drawn by a ball over the round edge of a die, under a holder."""
-    sheet = Brick("sheet", [0.0, 0.0], [1.0, 0.04], [40, 2], "quadrilateral")
+    sheet = Brick("sheet", [0.0, 0.0], [1.0, 0.04], [*cells], "quadrilateral")
     path = make_mesh(bricks, folder / "mesh.msh", [sheet])
     punch = Obstacle("sphere", center=[0.0, 0.44], radius=0.4, displacement=[0.0, -deep])
     tools = (
