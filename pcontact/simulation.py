@@ -364,8 +364,8 @@ class Simulation:
         if directory is not None and output.checkpoint:
             checkpoint = Checkpoint(directory, space, self.remembering, schedule, output.checkpoint_every,
                                     self._identity, first, self._carriers)  # fmt: skip
-        # steps that are short are alike: what serves one serves the next, unless another run has to repeat it
-        if any(item.holds for item in self.problem.items) and checkpoint is None and self.restart is None:
+        # what serves a load step serves the next, unless another run has to repeat it
+        if checkpoint is None and self.restart is None:
             self.newton.lasting = True
         writer = lasting.writer
         if writer is not None:

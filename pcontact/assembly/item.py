@@ -168,6 +168,8 @@ class Item:
         Whether that is what a load step is about, and no check that may be left out.
     stale : float
         What :meth:`renew` said last: the part by which the answer would be wrong with what the load step kept.
+    lasts : float
+        So far bodies may move before :meth:`renew` might say anything else than it did last [length].
     active : ActiveSet or None
         Of contact: its points that open and close.
     """
@@ -180,7 +182,7 @@ class Item:
     symmetric = True
     radius = np.inf
     flips = ()
-    too_deep, stale, active = 0, 0.0, None
+    too_deep, stale, lasts, active = 0, 0.0, 0.0, None
 
     # -- what every item has --------------------------------------------------------------------------------------
 

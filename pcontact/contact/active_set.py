@@ -387,6 +387,8 @@ def misled(pair, u, found, normal, time, keeps=0.0, former=None):
         The same without the points that may keep what they have.
     lost : bool
         Whether there are such points, or open ones that are inside a partner, deeper than any closed point.
+    way : float
+        Mean of the ways by which the bodies have been pressed together [length]; 0 where nothing is closed.
     """
     p, comm, jxw, gap = pair.pairing, pair.space.comm, pair.source.jxw, found.gap
     values = p.exchange.gather(u)
@@ -409,7 +411,7 @@ def misled(pair, u, found, normal, time, keeps=0.0, former=None):
     total, missed, misses, inside, area, depth, *sums = comm.allreduce(np.array(sums), op=MPI.SUM)
     lost = bool(misses + inside > 0)
     if total == 0.0:
-        return float(lost), float(lost), lost
+        return float(lost), float(lost), lost, 0.0
     way, resultant, turn = sum(np.abs(sums[:2])), np.array(sums[2:]), found.normal - normal
     returned = np.zeros(len(closed), dtype=bool)
     if former is not None:
@@ -427,7 +429,7 @@ def misled(pair, u, found, normal, time, keeps=0.0, former=None):
         turned = np.linalg.norm(bent - (bent @ along) * along) / total
         part = changed / max(way, changed) if changed > 0.0 else 0.0
         parts.append(float(max(part, turned) + missed / total))
-    return *parts, lost
+    return *parts, lost, float(way / total)
 
 
 def damped(way, last=None):

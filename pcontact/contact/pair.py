@@ -327,8 +327,11 @@ class ContactPair(Item):
             return False
         found, keeps = self.search.find(u, time), tolerance if firm else 0.0
         former = None if self._former is None else self._former.normal
-        self.stale, part, lost = active_set.misled(self, u, found, self.pairing.normal, time, keeps, former)
+        self.stale, part, lost, way = active_set.misled(self, u, found, self.pairing.normal, time, keeps, former)
+        self.lasts = 0.0
         if part <= tolerance and (firm or not lost):
+            # no gap changes by more than the bodies move, neither that which is kept nor that which is found
+            self.lasts = 0.0 if lost else 0.5 * (tolerance - part) * way
             return False
         # a gap that lies beyond the one before by turns goes less of the way
         p = self.pairing

@@ -75,6 +75,8 @@ class PartnerUpdate:
         self.problem, self.newton, self.most, self.tolerance, self.items = problem, newton, most, tolerance, items
         # committed displacement and end of the load step
         self._step, self._searches, self.carried = None, 0, 0.0
+        # where the last search has changed nothing
+        self._found = None
         self._follows = any(item.follows for item in items)
         self._settle = multipliers(self if self._follows else newton)
         # how many times as much the last change of partners has changed forces as was expected, at least 1
@@ -97,7 +99,7 @@ class PartnerUpdate:
         pcontact.solve.convergence.NewtonResult
             With the iterations of all runs, and what the last search has said.
         """
-        left, self._step, self._searches = [WITHIN], (before, time), 0
+        left, self._step, self._searches, self._found = [WITHIN], (before, time), 0, None
 
         # bodies that yield move far, and take as many iterations to flow anew as they took to flow
         near = NEAR_SOLUTION if self._follows or self.carried or self.problem.bulk.yields else 0.0
@@ -123,6 +125,7 @@ class PartnerUpdate:
     def again(self, u):
         """Solve on from the solution ``u`` of the load step after multipliers have changed, see
         :meth:`pcontact.solve.newton.Newton.again`. *Collective.*"""
+        self._found = None
         return self._settled(u, self.newton.again(u))
 
     def _settled(self, u, result):
@@ -165,13 +168,26 @@ class PartnerUpdate:
         if np.max(expected) > 0.0:
             self._gain = max(1.0, float(part / max(np.max(expected), self.newton.snes.getTolerances()[0])))
 
+    def _stays(self, u):
+        """Return whether bodies have moved so little since the last search, which has changed nothing, that this one
+        would change nothing either. *Collective.*"""
+        if self._found is None:
+            return False
+        space = self.problem.space
+        moved = space.longest((u - self._found).getArray(readonly=True).reshape(-1, space.dim))
+        return moved <= min(item.lasts for item in self.items)
+
     def _renewed(self, u, firm, part):
         """Return True if an item has changed its partners, with those that it has wrong by more than a part, see
         :meth:`pcontact.assembly.item.Item.renew`. *Collective.*"""
+        if self._stays(u):
+            return False
         start = clock.perf_counter()
         with profile.phase("search"):
             changed = [item.renew(u, *self._step, firm, part) for item in self.items]
         self._searches += 1
+        lasts = 0.0 if any(changed) else min(item.lasts for item in self.items)
+        self._found = u.copy() if lasts > 0.0 else None
         self.newton.timing["search"] += clock.perf_counter() - start
         if any(changed):
             self.carried = self._gain

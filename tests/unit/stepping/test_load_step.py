@@ -148,7 +148,7 @@ def test_a_step_whose_partners_change_more_says_so(path, caplog):
 class Flipping:
     """Newton's method and an item that finds other partners a number of times, and has other forces each time."""
 
-    name = "c"
+    name, lasts = "c", 0.0
 
     def __init__(self, times, change=0.0):
         self.left, self.runs, self.timing, self.tolerances = times, 0, {"search": 0.0}, []
