@@ -407,6 +407,9 @@ class Globalisation:
         return same
 
 
+# [-] Part of what ends a load step that the last linear solve leaves. From: C. T. Kelley, Iterative Methods for Linear
+# and Nonlinear Equations, SIAM 1995, (6.20).
+LEAVES = 0.5
 # [-] Power of the part of a residual that a step has left, as which the next linear solve leaves of it. From: Eisenstat
 # and Walker's choice 2, the golden ratio; the default of PETSc.
 SUPERLINEAR = 0.5 * (1.0 + np.sqrt(5.0))
@@ -419,8 +422,7 @@ class Forcing:
     (S. Eisenstat, H. Walker, SIAM J. Sci. Comput. 17 (1996), 16-32, choice 1), the tangent is wrong by that in a step
     of this length, and by as much less in the next one as that is shorter. As long as points open, close, stick or
     slip, that is much, and linear solves are as inexact as they may be (their choice 2); where none does any more the
-    equations are linear, and one solve goes to the end: it leaves as small a part of what ends the load step as others
-    of a residual.
+    equations are linear, and one solve goes to the end, no farther than that.
 
     Parameters
     ----------
@@ -453,14 +455,13 @@ class Forcing:
             Returns the norm at which the load step ends [force]. *Collective.*
         """
         tolerance, last = self._loosest if self._solves else self._first, self._last
-        if self._solves:
-            tolerance = min(tolerance, (norm / last) ** SUPERLINEAR)
+        wanted = min(tolerance, (norm / last) ** SUPERLINEAR) if self._solves else tolerance
         # where supports alone have moved the first residual says nothing of the equations
         compares = self._solves > 1 and self._full and norm < last
         if compares and ksp.getNormType() == PETSc.KSP.NormType.UNPRECONDITIONED:
-            wrong = abs(norm - ksp.getResidualNorm()) / last * (norm / last)
-            if wrong < tolerance:
-                tolerance = min(max(wrong, self._loosest * end() / norm), tolerance)
+            wanted = min(wanted, abs(norm - ksp.getResidualNorm()) / last * (norm / last))
+        if wanted < tolerance:
+            tolerance = min(max(wanted, LEAVES * end() / norm), LEAVES)
         self._solves, self._last = self._solves + 1, norm
         ksp.setTolerances(rtol=tolerance)
 
