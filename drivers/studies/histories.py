@@ -64,9 +64,9 @@ class History:
 
 
 HISTORIES = [History(*row) for row in (
+    ("Cattaneo and Mindlin", "elastic", cylinders),
     ("ironing, space", "elastic", partial(ironed, dim=3, h=0.125)),
     ("ironing, plane", "elastic", partial(ironed, dim=2, h=0.02)),
-    ("Cattaneo and Mindlin", "elastic", cylinders),
     ("clip", "elastic", partial(scenes.clipped, h=0.05, count=60, yield_stress=0.0)),
     ("spring", "elastic", coils),
     ("heap", "elastic", partial(scenes.heaped, h=0.13)),
