@@ -364,8 +364,8 @@ class Simulation:
         if directory is not None and output.checkpoint:
             checkpoint = Checkpoint(directory, space, self.remembering, schedule, output.checkpoint_every,
                                     self._identity, first, self._carriers)  # fmt: skip
-        # what serves a load step serves the next, unless another run has to repeat it
-        if checkpoint is None and self.restart is None:
+        # what serves a load step serves the next, unless another run has to repeat it; what turns has new modes
+        if checkpoint is None and self.restart is None and not self.problem.bulk.extrapolates:
             self.newton.lasting = True
         writer = lasting.writer
         if writer is not None:

@@ -725,6 +725,8 @@ class Newton:
                 self._turn_direct()
                 before.copy(u)
                 result = combined(result, self._run(u, True))
+            if not result.converged and self._reuse is not None:
+                self._reuse.forget()
             return result
         finally:
             self._search = None
