@@ -17,8 +17,9 @@ where v, zero on supports, makes the last term least: what is left of it are the
 The displacement v answers the forces  - <C q, e(.)>  with the tangent.  The force along u is the derivative: at x = 1
 it differs from <s, e> by  3 <s, q> + 2 <C (e(v) + q), e(v) + q>.  The part of a body among others in the first sum
 is <s, q + e(v)> less the work of the loads along v: for all of them together <s, e(v)> is that work, and a body that
-turns together with all that it touches has e(v) = -q. The term - 1/2 e e is another matter, of the strain alone; it
-counts where it makes up for <s, q>, as it does where bodies are pressed into each other.
+turns together with all that it touches has e(v) = -q. The term - 1/2 e e is another matter, of the strain alone: the
+force changes by  3 <s, - 1/2 e e>  of all bodies, which may make up for what rotations do, as it does where bodies are
+pressed into each other.
 """
 
 from typing import NamedTuple
@@ -275,17 +276,21 @@ class Distortion(NamedTuple):
         more than that where it is less than `WORTH`.
     place : tuple of float
         Reference position where the strain or the rotation is largest [length].
+    stretching : float
+        Size of the relative change of the forces by the strain alone.
     """
 
     strain: float
     rotation: float
     stiffening: float
     place: tuple
+    stretching: float
 
     @property
     def errors(self):
-        """Parts by which strain, rotation, and the rotation against the strain put results wrong, about."""
-        return 0.5 * self.strain, 0.5 * np.radians(self.rotation) ** 2, self.stiffening
+        """Parts by which strain, rotation, the rotation against the strain, and the strain's square put results wrong,
+        about."""
+        return 0.5 * self.strain, 0.5 * np.radians(self.rotation) ** 2, self.stiffening, self.stretching
 
 
 def _places(space, number, every=False):
@@ -361,15 +366,16 @@ class Relief:
     Attributes
     ----------
     sums : list of pcontact.assembly.viscous.Sum
-        What a restarted run goes on with: the largest bound of the last linear solve, 0 before, and of every body the
-        part of its bound that it did not give way to.
+        What a restarted run goes on with: the largest bound of the last linear solve, 0 before, and of every body, and
+        of all together, the part of the bound that they did not give way to.
     """
 
     def __init__(self, answer, n_bodies):
-        self.answer, self.sums = answer, [Sum() for _ in range(1 + n_bodies)]
+        self.answer, self.sums = answer, [Sum() for _ in range(2 + n_bodies)]
 
     def __call__(self, bound, find):
-        """Return the stiffening (n,) of bodies of which a bound is known; `find()` says what it is. *Collective.*"""
+        """Return the stiffening (n,) of bodies of which a bound is known, the last one that of all together with its
+        sign; `find()` says what it is. *Collective.*"""
         most, asked = float(bound.max()), self.sums[0].carried
         if not asked / AGAIN <= most <= asked * AGAIN:
             parts = find() / np.maximum(bound, 1e-300)
@@ -399,16 +405,20 @@ def distortions(bulk, u, held, relief=None):
     nodal, none = space.local.gather(u), np.zeros((0, space.dim))
     sums, largest = _sums(bulk, nodal, none, none)
     # whatever the bodies give way to: no more than that
-    stiffening = (3.0 * np.abs(sums[:, STIFFENING]) + 4.0 * sums[:, MEMBRANE]) / _work(sums)
+    stiffening, change = (3.0 * np.abs(sums[:, STIFFENING]) + 4.0 * sums[:, MEMBRANE]) / _work(sums), 0.0
     if np.any(stiffening > WORTH):
         if relief is None:
-            stiffening = _unrelieved(bulk, held, sums)
+            *stiffening, change = _unrelieved(bulk, held, sums)
         else:
-            stiffening = relief(stiffening, lambda: _stiffening(bulk, u, held, relief.answer, sums))
+            bound = np.append(stiffening, stiffening.max())
+            *stiffening, change = relief(bound, lambda: _stiffening(bulk, u, held, relief.answer, sums))
+    alone = 3.0 * sums[:, STRETCH]
+    total = float(alone.sum()) / max(float(sums[:, WORK].sum()), 1e-300)
+    stretching = min(abs(total), abs(total + change)) * np.abs(alone) / max(float(np.abs(alone).max()), 1e-300)
     places = [max(found)[1] for found in zip(*comm.allgather(largest), strict=True)]
     # bodies that are absent have no cells
-    return {body: _of(sums[body], float(stiffening[body]), places[body]) for body in range(len(sums))
-            if sums[body][VOLUME] > 0.0}  # fmt: skip
+    return {body: _of(sums[body], float(stiffening[body]), places[body], float(stretching[body]))
+            for body in range(len(sums)) if sums[body][VOLUME] > 0.0}  # fmt: skip
 
 
 def _work(sums):
@@ -417,16 +427,18 @@ def _work(sums):
 
 
 def _unrelieved(bulk, held, sums):
-    """Relative change (n_bodies,) of forces of which nothing is known that bodies give way to. *Collective.*"""
+    """Relative change of forces of which nothing is known that bodies give way to: (n_bodies + 1,), see
+    :func:`_stiffening`. *Collective.*"""
     stays = np.zeros(len(sums))
     for block in bulk.space.mesh.blocks:
         stays[block.body] += np.count_nonzero(held[block.components])
     stays = bulk.space.comm.allreduce(stays, op=MPI.SUM) > 0
-    return np.where(stays, 3.0 * np.abs(sums[:, STIFFENING]) / _work(sums), 0.0)
+    return np.append(np.where(stays, 3.0 * np.abs(sums[:, STIFFENING]) / _work(sums), 0.0), 0.0)
 
 
 def _stiffening(bulk, u, held, answers, sums):
-    """Relative change (n_bodies,) of forces, with what the bodies give way to. *Collective.*"""
+    """Relative change of forces, with what the bodies give way to: its size of each, and that of all together with its
+    sign (n_bodies + 1,). *Collective.*"""
     space, comm, nodal = bulk.space, bulk.space.comm, bulk.space.local.gather(u)
     forces, none = np.zeros((space.n_local, space.dim)), np.zeros((0, space.dim))
     _sums(bulk, nodal, none, forces)
@@ -449,13 +461,14 @@ def _stiffening(bulk, u, held, answers, sums):
     parts, work = 3.0 * first + 4.0 * membrane, max(float(after[:, WORK].sum()), 1e-300)
     change = min(abs(float(parts.sum())), abs(float(parts.sum() + 3.0 * after[:, STRETCH].sum()))) / work
     share = np.abs(parts) / max(float(np.abs(parts).max()), 1e-300)
-    return np.maximum(change * share, np.minimum(np.abs(parts), 4.0 * membrane) / _work(after))
+    own = np.maximum(change * share, np.minimum(np.abs(parts), 4.0 * membrane) / _work(after))
+    return np.append(own, float(parts.sum()) / work)
 
 
-def _of(sums, stiffening, place):
+def _of(sums, stiffening, place, stretching):
     work, volume = max(sums[WORK], 1e-300), max(sums[VOLUME], 1e-300)
     rotation = np.degrees(np.sqrt(max(sums[TURN] / volume, sums[TURN_WORK] / work)))
-    return Distortion(float(sums[STRAIN] / work), float(rotation), stiffening, place)
+    return Distortion(float(sums[STRAIN] / work), float(rotation), stiffening, place, stretching)
 
 
 # [-] sine of an angle below which the axis of a turn by about 180 degrees is that of the largest diagonal entry. From:

@@ -97,18 +97,18 @@ def test_against_numpy(tmp_path, cell, limit):
 
 
 @pytest.mark.parametrize("cell, degree", [("quadrilateral", 1), ("triangle", 2), ("hexahedron", 2)])
-def test_a_bar_is_wrong_by_half_its_strain(tmp_path, cell, degree):
+def test_the_force_in_a_bar_is_wrong_by_one_and_a_half_times_its_strain(tmp_path, cell, degree):
     space = make_space(SELF, block_file(tmp_path / "block.msh", cell), ["block"], degree, bend)
     stretch = np.zeros((space.dim, space.dim))
     stretch[1, 1] = -0.03
     one = found(space, linear(stretch))
     np.testing.assert_allclose(one[:3], [0.03, 0.0, 0.0], atol=1e-12)
-    assert abs(max(one.errors) - 0.015) < 1e-12
+    assert abs(max(one.errors) - 0.045) < 1e-12
 
 
 def test_a_turn_against_a_strain(tmp_path):
     """A body that is pressed along y and turned by 5 degrees in small strain has its work wrong by the strain of the
-    turn over its own, unless nothing holds it: then it is wrong by its length alone."""
+    turn over its own, unless nothing holds it: then it is wrong by its strain alone."""
     space = make_space(SELF, block_file(tmp_path / "block.msh", "quadrilateral"), ["block"])
     lam, mu = CONSTANTS
     angle, e = np.radians(5.0), 0.01
@@ -118,7 +118,7 @@ def test_a_turn_against_a_strain(tmp_path):
     np.testing.assert_allclose([one.rotation, one.stiffening], [5.0, 1.5 * angle**2 / e], rtol=1e-10)
     assert max(one.errors) == one.stiffening
     loose = found(space, linear(h), ~HELD)
-    assert loose.stiffening == 0.0 and max(loose.errors) < 0.006
+    assert loose.stiffening == 0.0 and abs(max(loose.errors) - 1.5 * e) < 1e-12
 
 
 @pytest.mark.parametrize("cell, degree", [("triangle", 1), ("quadrilateral", 2), ("tetrahedron", 1), ("hexahedron", 2)])
@@ -161,7 +161,7 @@ def test_the_second_order_against_numpy(tmp_path, cell, degree, kinematics):
 
 
 def test_what_bodies_give_way_to_is_asked_for_as_it_grows():
-    asked, relief = [], Relief(None, 2)
+    asked, relief = [], Relief(None, 1)
     for most in (1.0, 1.9, 2.1, 4.0, 1.0, 0.9):
         bound = np.array([most, 0.5])
         found = relief(bound, lambda bound=bound: asked.append(bound[0]) or 0.1 * bound)
