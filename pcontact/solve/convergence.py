@@ -148,7 +148,6 @@ class ConvergenceTest:
         self._problem, self._balance, self._residual = problem, balance, residual
         self._floor, self._least, self._first, self._start = 0.0, 0.0, None, None
         self.predicted, self.predicted_from, self.told, self.carried = False, np.nan, None, 0.0
-        self._tolerances = 0.0, 0.0
         self.begin()
 
     def begin_step(self, u):
@@ -172,12 +171,6 @@ class ConvergenceTest:
         """Part of the largest residual of the run that is left."""
         return self.norms[-1] / max(self._first, *self.norms)
 
-    def end(self, u):
-        """Norm of the residual [force] at which a run ends near ``u``. *Collective.*"""
-        rtol, atol = self._tolerances
-        relative = min(rtol * self._first, max(rtol, SMALL) * self._problem.forces.acting(u))
-        return max(relative, atol, ROUNDOFF * self.carried, self._least)
-
     def __call__(self, snes, iteration, norms):
         norm = norms[2]
         reasons = PETSc.SNES.ConvergedReason
@@ -196,7 +189,6 @@ class ConvergenceTest:
         self.norms.append(norm)
         if self.told is not None:
             self.told(self.norms)
-        self._tolerances = snes.getTolerances()[:2]
         u = snes.getSolution()
         if iteration > 0 and norm > 0.5 * self.norms[-2]:
             self._floor = ROUNDINGS * self._problem.forces.roundoff(u)

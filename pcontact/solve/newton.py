@@ -5,7 +5,6 @@ A step goes to where the residual no longer points along it.
 
 import time as clock
 from contextlib import contextmanager
-from functools import partial
 
 import numpy as np
 
@@ -407,67 +406,6 @@ class Globalisation:
         return same
 
 
-# [-] Part of what ends a load step that the last linear solve leaves. From: C. T. Kelley, Iterative Methods for Linear
-# and Nonlinear Equations, SIAM 1995, (6.20).
-LEAVES = 0.5
-# [-] Power of the part of a residual that a step has left, as which the next linear solve leaves of it. From: Eisenstat
-# and Walker's choice 2, the golden ratio; the default of PETSc.
-SUPERLINEAR = 0.5 * (1.0 + np.sqrt(5.0))
-
-
-class Forcing:
-    """Relative tolerances of the linear solves: as small as Newton's method makes use of.
-
-    Where the residual after a full step differs by a part d of the one before it from what the linear solve has left
-    (S. Eisenstat, H. Walker, SIAM J. Sci. Comput. 17 (1996), 16-32, choice 1), the tangent is wrong by that in a step
-    of this length, and by as much less in the next one as that is shorter. As long as points open, close, stick or
-    slip, that is much, and linear solves are as inexact as they may be (their choice 2); where none does any more the
-    equations are linear, and one solve goes to the end, no farther than that.
-
-    Parameters
-    ----------
-    first, loosest : float
-        Of the first linear solve of a run, and of all others at most.
-    """
-
-    def __init__(self, first, loosest):
-        self._first, self._loosest = first, loosest
-        self.begin()
-
-    def begin(self):
-        """A run of Newton's method begins."""
-        self._solves, self._last, self._full = 0, 0.0, False
-
-    def stepped(self, full):
-        """A step has been taken in full, or not, or the residual is another one since."""
-        self._full = full
-
-    def choose(self, ksp, norm, end):
-        """Set the tolerance of the next linear solve.
-
-        Parameters
-        ----------
-        ksp : PETSc.KSP
-            With what the last one has left.
-        norm : float
-            Of the residual [force].
-        end : callable
-            Returns the norm at which the load step ends [force]. *Collective.*
-        """
-        tolerance, last = self._loosest if self._solves else self._first, self._last
-        wanted = min(tolerance, (norm / last) ** SUPERLINEAR) if self._solves else tolerance
-        # where supports alone have moved the first residual says nothing of the equations
-        compares = self._solves > 1 and self._full and norm < last
-        if compares and ksp.getNormType() == PETSc.KSP.NormType.UNPRECONDITIONED:
-            wanted = min(wanted, abs(norm - ksp.getResidualNorm()) / last * (norm / last))
-        if wanted < tolerance:
-            tolerance = min(max(wanted, LEAVES * end() / norm), LEAVES)
-        self._solves, self._last = self._solves + 1, norm
-        ksp.setTolerances(rtol=tolerance)
-
-
-# options with which the user has PETSc choose the tolerances of linear solves
-OF_PETSC = ("snes_ksp_ew", *(f"snes_ksp_ew_{word}" for word in ("version", "gamma", "alpha", "alpha2", "threshold")))
 # what PETSc keeps with a matrix for differences on its pattern
 COLOURING = "SNESMatFDColoring"
 
@@ -574,11 +512,6 @@ class Newton:
         except (PETSc.Error, InputError) as error:
             self.snes.destroy()
             raise (error if isinstance(error, InputError) else self._options.fault(error)) or error from None
-        self._forcing, chosen = None, any(self._options.given(name) for name in set(OF_PETSC) - set(self.applied))
-        if self.snes.getUseEW() and not (chosen or self._held):
-            said = self.snes.getParamsEW()
-            self._forcing = Forcing(said["rtol_0"], said["rtol_max"])
-            self.snes.setUseEW(False)
 
     def _solver(self, symmetric, modes):
         return {
@@ -636,8 +569,6 @@ class Newton:
         if iteration > 0 and self._search is not None and self._search(x, self._converges.part):
             self._globalisation.forget()
             self.problem.residual(x, self._f)
-            if self._forcing is not None:
-                self._forcing.stepped(False)
         with self._timed():
             self._globalisation.prepare(x, self._f)
 
@@ -667,17 +598,12 @@ class Newton:
                 refresh_smoother(snes.getKSP(), matrix, base)
         if self._lower is not None and not keep:
             self._lower.renew(preconditioner(snes.getKSP()), base)
-        if self._forcing is not None:
-            self._forcing.choose(snes.getKSP(), self._f.norm(), partial(self._converges.end, x))
 
     def _limit(self, x, y):
         """Prescribed components stay where they are, whatever an inexact linear solve says, and followers follow."""
         self.problem.conditions.follow(y, x, self._start)
-        length = y.norm()
         with self._timed():
             self._globalisation.limit(x, y, self._f)
-        if self._forcing is not None:
-            self._forcing.stepped(y.norm() == length)
 
     def _renew_preconditioner(self):
         """A load step is solved alike whatever came before it, as in a restarted run; a reset GAMG remembers."""
@@ -749,8 +675,6 @@ class Newton:
         self.problem.conditions.enter(x, self.problem.time)
         self._globalisation.begin(True)
         self._converges.begin(near=True)
-        if self._forcing is not None:
-            self._forcing.begin()
         if self._reuse is not None:
             self._reuse.forget()
         if self._balance is not None:
@@ -867,8 +791,6 @@ class Newton:
         self._predicting = beginning and self.problem.prediction.committed is not None and predicts
         self._globalisation.begin(beginning)
         self._converges.begin(near)
-        if self._forcing is not None:
-            self._forcing.begin()
         if beginning and self._balance is not None:
             self._balance.begin(u)
         x = u
