@@ -464,24 +464,23 @@ def test_a_pass_that_cannot_be_run(tmp_path, monkeypatch, capsys):
 def test_a_preconditioner_serves_several_load_steps(shared_tmp, monkeypatch):
     """In runs that nothing restarts; what is found is the same."""
     scene, kept, keep = HELD_BACK["sheared"].scene(shared_tmp), [], Reuse.keep
-    scene.petsc = {"pc_direct_below": "0"}
+    scene.petsc, scene.output.checkpoint = {"pc_direct_below": "0"}, True
 
     def told(self, *given):
         kept.append(keep(self, *given))
         return kept[-1]
 
-    def found(lasting):
+    def found(directory=None):
         kept.clear()
         simulation = Simulation(scene)
-        simulation.newton.lasting = lasting
         try:
-            assert simulation.run()
+            assert simulation.run(directory)
             problem, u = simulation.problem, simulation.stepper.u
             return kept.count(False), problem.forces.reactions(u, problem.unbalanced(u))["upper_top"]
         finally:
             simulation.free()
 
     monkeypatch.setattr(Reuse, "keep", told)
-    (each, alone), (once, force) = found(False), found(True)
+    (each, alone), (once, force) = found(shared_tmp / "restartable"), found()
     assert each == 4 and once == 1
     np.testing.assert_allclose(force, alone, rtol=1e-6)
