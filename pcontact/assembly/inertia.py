@@ -12,8 +12,7 @@ at supports are their reactions.
 
 import numpy as np
 
-from pcontact.assembly.item import LAW, Item
-from pcontact.assembly.viscous import Sum
+from pcontact.assembly.item import LAW, Item, Sum
 from pcontact.runtime.parallel import take_rows
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.integrators import INTEGRATORS

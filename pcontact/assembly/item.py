@@ -321,3 +321,10 @@ class Item:
         """Quadrature points of this rank at which something is kept (``points``), and those with a partner times the
         unknowns that each of them couples (``work``)."""
         return {"points": 0, "work": 0}
+
+
+class Sum:
+    """A number that grows from load step to load step, and that a restarted run goes on with."""
+
+    def __init__(self):
+        self.carried = 0.0

@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact.assembly.geometry import chunks, hoop, points_of
-from pcontact.assembly.viscous import Sum
+from pcontact.assembly.item import Sum
 from pcontact.element.quadrature import quadrature
 from pcontact.element.reference import CELLS, shape, shape_gradient
 from pcontact.material.elastic import HALF, indices

@@ -2,16 +2,9 @@
 
 import numpy as np
 
-from pcontact.assembly.item import LAW, Item
+from pcontact.assembly.item import LAW, Item, Sum
 from pcontact.assembly.loads import lumped_volume
 from pcontact.runtime.petsc import MPI
-
-
-class Sum:
-    """A number that grows from load step to load step, and that a restarted run goes on with."""
-
-    def __init__(self):
-        self.carried = 0.0
 
 
 class ViscousStabilisation(Item):

@@ -20,7 +20,7 @@ take up in the same sums is kinetic energy, a function of the state, the damping
 
 import numpy as np
 
-from pcontact.assembly.viscous import Sum
+from pcontact.assembly.item import Sum
 from pcontact.runtime import profile
 from pcontact.runtime.parallel import kept_rows, take_rows
 from pcontact.runtime.petsc import MPI
