@@ -405,13 +405,17 @@ def distortions(bulk, u, held, relief=None):
     nodal, none = space.local.gather(u), np.zeros((0, space.dim))
     sums, largest = _sums(bulk, nodal, none, none)
     # whatever the bodies give way to: no more than that
-    stiffening, change = (3.0 * np.abs(sums[:, STIFFENING]) + 4.0 * sums[:, MEMBRANE]) / _work(sums), 0.0
-    if np.any(stiffening > WORTH):
-        if relief is None:
-            *stiffening, change = _unrelieved(bulk, held, sums)
-        else:
-            bound = np.append(stiffening, stiffening.max())
-            *stiffening, change = relief(bound, lambda: _stiffening(bulk, u, held, relief.answer, sums))
+    bound = (3.0 * np.abs(sums[:, STIFFENING]) + 4.0 * sums[:, MEMBRANE]) / _work(sums)
+    if np.all(bound <= WORTH):
+        stiffening, change = bound, 0.0
+    elif relief is None:
+        *stiffening, change = _unrelieved(bulk, held, sums)
+    elif np.all(4.0 * sums[:, MEMBRANE] <= WORTH * _work(sums)):
+        # what they give way to changes how the first sum is shared, and not the sum of all
+        *stiffening, change = _changes(sums[:, STIFFENING], sums[:, MEMBRANE], sums)
+    else:
+        bound = np.append(bound, bound.max())
+        *stiffening, change = relief(bound, lambda: _stiffening(bulk, u, held, relief.answer, sums))
     alone = 3.0 * sums[:, STRETCH]
     total = float(alone.sum()) / max(float(sums[:, WORK].sum()), 1e-300)
     stretching = min(abs(total), abs(total + change)) * np.abs(alone) / max(float(np.abs(alone).max()), 1e-300)
@@ -456,12 +460,17 @@ def _stiffening(bulk, u, held, answers, sums):
     # where next to nothing is left of q, that is what the linear solve has left
     first[np.abs(first) < LEFT * np.sqrt(2.0 * np.maximum(sums[:, MEMBRANE] * after[:, WORK], 0.0))] = 0.0
     membrane[membrane < LEFT**2 * sums[:, MEMBRANE]] = 0.0
+    return _changes(first, membrane, after)
+
+
+def _changes(first, membrane, sums):
+    """Relative change of forces (n_bodies + 1,), see :func:`_stiffening`, by both integrals of the bodies."""
     # what all bodies resist changes by the sum of the parts, and is said of those that make it, but for what strain
     # alone does against it; it may be little although a body that does little of the work has a membrane force
-    parts, work = 3.0 * first + 4.0 * membrane, max(float(after[:, WORK].sum()), 1e-300)
-    change = min(abs(float(parts.sum())), abs(float(parts.sum() + 3.0 * after[:, STRETCH].sum()))) / work
+    parts, work = 3.0 * first + 4.0 * membrane, max(float(sums[:, WORK].sum()), 1e-300)
+    change = min(abs(float(parts.sum())), abs(float(parts.sum() + 3.0 * sums[:, STRETCH].sum()))) / work
     share = np.abs(parts) / max(float(np.abs(parts).max()), 1e-300)
-    own = np.maximum(change * share, np.minimum(np.abs(parts), 4.0 * membrane) / _work(after))
+    own = np.maximum(change * share, np.minimum(np.abs(parts), 4.0 * membrane) / _work(sums))
     return np.append(own, float(parts.sum()) / work)
 
 
