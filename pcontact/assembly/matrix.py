@@ -229,6 +229,12 @@ def _own_rows(local, pattern, more, out, places):
             more_place[more_ptr[row] + k] = find(columns, first, end, came[k])
 
 
+def _split_as(parts, values):
+    """Values (n,) in a dict, as many for each key as it has in another one."""
+    ends = np.cumsum([len(part) for part in parts.values()])
+    return dict(zip(parts, np.split(values, ends[:-1]), strict=True)) if parts else {}
+
+
 class OwnedRows:
     """Block rows that this rank owns, summed from what all ranks contribute.
 
@@ -257,8 +263,7 @@ class OwnedRows:
         away = np.flatnonzero(np.repeat(owner != numbering.rank, counts))
         row = np.repeat(np.arange(len(nodes)), np.where(owner != numbering.rank, counts, 0))
         sends, order = split_by_rank(owner[row], np.column_stack([nodes[row], nodes[columns[away]]]))
-        ends = np.cumsum([len(part) for part in sends.values()])
-        self._send_index = dict(zip(sends, np.split(away[order], ends[:-1]), strict=True)) if sends else {}
+        self._send_index = _split_as(sends, away[order])
         received = exchanger(sends, np.int64, 2)
         came = np.concatenate([np.zeros((0, 2), dtype=np.int64), *received.values()])
         at, order = np.full(n_owned, -1, dtype=np.int64), np.argsort(came[:, 0], kind="stable")
@@ -273,8 +278,7 @@ class OwnedRows:
         self._own_position = place[self._own_index]
         position = np.empty_like(found)
         position[order] = found
-        ends = np.cumsum([len(part) for part in received.values()])
-        self._received_position = dict(zip(received, np.split(position, ends[:-1]), strict=True)) if received else {}
+        self._received_position = _split_as(received, position)
 
     def sum(self, values):
         """Sum local values into the owned rows. *Collective.*

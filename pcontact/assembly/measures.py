@@ -330,7 +330,7 @@ def _stiffness(bulk, number, centres):
 
 
 def _sums(bulk, nodal, second, forces):
-    """Sums (n, 7) of :func:`add_distortion` over the bodies, on all ranks, and where each is worst, on this one; with a
+    """Sums (n, 8) of :func:`add_distortion` over the bodies, on all ranks, and where each is worst, on this one; with a
     second displacement the work is that of all points of cells of degree 1. *Collective.*"""
     space, of = bulk.space, np.zeros((len(bulk.constants), SUMS))
     largest, none = [(-1.0, ())] * len(of), np.zeros((0, space.dim))

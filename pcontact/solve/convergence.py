@@ -63,7 +63,7 @@ class Balance:
 
         Rounding errors of a body's own forces are nothing.
         """
-        sums = self._bodies.sums_along(f.getArray(readonly=True).reshape(-1, self._problem.space.dim))
+        sums = self._bodies.sums_along(self._problem.space.of_owned(f))
         left = np.linalg.norm(sums, axis=1)
         moves = self._moves(u, left)
         if not moves.any():
@@ -85,7 +85,7 @@ class Balance:
         What the tangent says of such a body is where it goes, not how far. What counts as no force makes none fall.
         """
         problem, bodies = self._problem, self._bodies
-        y, f = (vector.getArray(readonly=True).reshape(-1, problem.space.dim) for vector in (y, f))
+        y, f = map(problem.space.of_owned, (y, f))
         force, held = bodies.sums_along(f), bodies.sums_along(problem.stabilisation[:, None] * y)
         rest, force = np.linalg.norm(force - held, axis=1), np.linalg.norm(force, axis=1)
         falls = np.zeros(problem.space.mesh.n_components, dtype=bool)

@@ -228,7 +228,7 @@ class Forces:
         body : str
         """
         space, mesh = self._space, self._space.mesh
-        size = np.linalg.norm(f.getArray(readonly=True).reshape(-1, space.dim), axis=1)
+        size = np.linalg.norm(space.of_owned(f), axis=1)
         size = np.where(np.isfinite(size), size, np.inf)
         own, k = (-1.0, None, ""), int(np.argmax(size)) if len(size) else -1
         if k >= 0:

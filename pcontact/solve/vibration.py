@@ -71,7 +71,7 @@ def frequencies(problem, mass, u, count):
     squares = np.where(np.abs(squares) < RIGID * np.abs(squares).max(), 0.0, squares)[:count]
     for x in vectors[:count]:
         problem.conditions.follow(x)
-    return squares, [x.getArray(readonly=True).reshape(-1, space.dim).copy() for x in vectors[:count]]
+    return squares, [space.of_owned(x).copy() for x in vectors[:count]]
 
 
 def _direct(matrix):
@@ -92,7 +92,7 @@ def _direct(matrix):
 
 def _start(space, free, n):
     """Vectors (n) that are the same on any ranks, zero at components that are not free. *Collective.*"""
-    keys = space.mesh.file_nodes[space.mesh_nodes[space.owned_local]][:, None] * space.dim + np.arange(space.dim)
+    keys = space.keys[:, None] * space.dim + np.arange(space.dim)
     # of all wave lengths, and of none alone
     waves = (np.sin((keys + 1.0) * (k + 1.0) ** 2 * 0.7310585) for k in range(n))
     return [space.vector(np.where(free, wave, 0.0)) for wave in waves]

@@ -174,7 +174,7 @@ class PartnerUpdate:
         if self._found is None:
             return False
         space = self.problem.space
-        moved = space.longest((u - self._found).getArray(readonly=True).reshape(-1, space.dim))
+        moved = space.longest(space.of_owned(u - self._found))
         return moved <= min(item.lasts for item in self.items)
 
     def _renewed(self, u, firm, part):

@@ -134,7 +134,7 @@ class Recorder:
             self._warn_of_energy(step.time, record)
         if features.total:
             record["loads"] = {load.name: load.record(u, step.time) for load in features.total}
-        moved = u.getArray(readonly=True).reshape(-1, problem.space.dim)
+        moved = problem.space.of_owned(u)
         averages = {one.name: one.record(moved, unbalanced) for one in features.averages}
         if features.equations is not None and features.equations.said:
             # those of mean motions are among them
@@ -314,10 +314,9 @@ class Recorder:
     def _probe(self, nodes, weights, u):
         """Mean over the region, least and largest displacement of its nodes. *Collective.*"""
         space = self._problem.space
-        comm, d = space.comm, space.dim
-        values = space.local.gather(u)[nodes]
+        comm, values = space.comm, space.local.gather(u)[nodes]
         low, high = bounding_box(comm, values)
-        mean = comm.allreduce(weights @ u.getArray(readonly=True).reshape(-1, d), op=MPI.SUM)
+        mean = comm.allreduce(weights @ space.of_owned(u), op=MPI.SUM)
         return {"mean": mean.tolist(), "min": low.tolist(), "max": high.tolist()}
 
 
@@ -336,7 +335,7 @@ def largest(problem, u):
         means and middles.
     """
     space, bulk = problem.space, problem.bulk
-    moved = np.linalg.norm(u.getArray(readonly=True).reshape(-1, space.dim), axis=1)
+    moved = np.linalg.norm(space.of_owned(u), axis=1)
     node, component = space.owned_local, space.component
     own = {"displacement": _top(moved, lambda row: (space.points[node[row]], component[node[row]]))}
     cells = [(block.components, table) for block, table in zip(space.mesh.blocks, space.cells, strict=True)]
