@@ -336,7 +336,7 @@ class Simulation:
     def _schedule(self):
         part, begin = self.part, self.spans[self.number].begin if self.spans else 0.0
         steps, control = part.steps, Control(part.steps.longest_step, self.problem.angle)
-        return Schedule(steps.end, steps.count, steps.smallest_step, corners(part), control, begin)
+        return Schedule(steps.end, steps.count, steps.smallest_step, corners(part), control, begin, corners(part, True))
 
     def _prepare(self, lasting, directory, first):
         """Schedule, observers and stepper of the present phase, or of the run. *Collective.*"""

@@ -88,11 +88,14 @@ class Squared(Amplitude):
         return super().factor(time) ** 2
 
 
-def corners(scene):
-    """Times (a list, unsorted) of the corners of amplitudes and expressions of a scene: load steps end there."""
-    obstacles = [contact.obstacle for contact in scene.contacts if contact.obstacle is not None]
-    moved = [*scene.displacements, *scene.loads, *scene.temperatures, *scene.couplings, *scene.pretensions, *obstacles]
-    tables = [one.amplitude for one in moved] + [contact.interference_amplitude for contact in scene.contacts]
+def corners(scene, held=False):
+    """Times (a list, unsorted) of the corners of amplitudes and expressions of a scene, or of those alone that
+    prescribe displacements of nodes (`held`): load steps end there."""
+    moved = [*scene.displacements, *scene.couplings, *scene.pretensions]
+    others = [] if held else scene.contacts
+    obstacles = [contact.obstacle for contact in others if contact.obstacle is not None]
+    moved += [] if held else [*scene.loads, *scene.temperatures, *obstacles]
+    tables = [one.amplitude for one in moved] + [contact.interference_amplitude for contact in others]
     values = [getattr(one, key) for one in moved for key in MULTIPLIED[type(one)]]
     values += [one.expression for one in obstacles]
     turning = [one for value in values for one in expressions(value).values()]

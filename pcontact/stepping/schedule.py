@@ -74,6 +74,8 @@ class Schedule:
     control : Control, optional
     begin : float
         [time]
+    turns : sequence of float
+        Those of the stops at which what prescribes displacements has a corner.
     """
 
     # [iterations] Of Newton's method up to which a load step may grow again. From: chosen.
@@ -92,12 +94,13 @@ class Schedule:
     # 1 - cos of the half of it, 0.4 %.
     TURN = np.radians(10.0)
 
-    def __init__(self, end, count, smallest, stops=(), control=None, begin=0.0):
+    def __init__(self, end, count, smallest, stops=(), control=None, begin=0.0, turns=()):
         self.end, self.smallest, self._control = end, smallest, control or Control()
         self._planned = (end - begin) / count
         self._largest = self._control.longest or self._planned
         self._step = min(self._planned, self._largest)
         self._stops = np.unique([t for t in [begin, *stops, end] if begin <= t <= end])
+        self._turns = {begin, *turns}
         self.time = begin
 
     def next(self):
@@ -125,9 +128,9 @@ class Schedule:
         return time >= self.end * (1.0 - 1e-12)
 
     @property
-    def at_stop(self):
-        """Return True if the coming step begins at a stop, or the run does, or the phase."""
-        return self.time in self._stops
+    def at_turn(self):
+        """Return True if the coming step begins at a turn, or the run does, or the phase."""
+        return self.time in self._turns
 
     @property
     def size(self):

@@ -177,7 +177,7 @@ class Stepper:
         """
         cutbacks = 0
         while not self.schedule.done:
-            if not cutbacks and self.schedule.at_stop:
+            if not cutbacks and self.schedule.at_turn:
                 self._set_off()
             target, begin = self.schedule.next(), self.schedule.time
             committed = self.u.copy()

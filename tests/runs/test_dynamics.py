@@ -74,6 +74,21 @@ def test_a_restart_at_and_beside_a_corner(shared_tmp):
             assert a["energy"] == b["energy"] and a["inertia"] == b["inertia"] and a["reactions"] == b["reactions"]
 
 
+def test_a_corner_of_another_amplitude_is_none_of_a_support(shared_tmp):
+    """A support that moves smoothly keeps the velocity that the integrator gives it where a load or an overlap has a
+    corner."""
+
+    def moved(corner):
+        scene = pulled(shared_tmp, 8, 0.01, None, 0.5, 10)
+        scene.displacements[-1] = Displacement("right", ["0.01*sin(9*t)", "free"])
+        straight = [(0.0, 1.0), (0.2, 1.0), (0.5, 1.0)] if corner else [(0.0, 1.0), (0.5, 1.0)]
+        scene.loads = [Load("block", body_force=[0.001, 0.0], amplitude=straight)]
+        return run(scene, SELF, shared_tmp / f"out{corner}")
+
+    for one, other in zip(moved(False), moved(True), strict=True):
+        assert one["inertia"] == other["inertia"] and one["reactions"] == other["reactions"]
+
+
 def test_a_support_goes_on_in_the_next_phase(shared_tmp):
     """It stretches a rod that has no inertia yet, and moves on when it has; then it stands still."""
     scene = pulled(shared_tmp, 20, 0.02, [(0, 0), (1, 0.5), (1.4, 1)], integrator="trapezoidal")
