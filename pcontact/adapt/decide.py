@@ -7,15 +7,12 @@ import numpy as np
 from pcontact.adapt.budget import Budgeted
 from pcontact.adapt.mark import MEASURED
 from pcontact.adapt.passes import cost_of, said_of
-from pcontact.adapt.settings import AIM, FACETS, FULL, NOTICED, SHARE, THIRD
+from pcontact.adapt.settings import AIM, FULL, NOTICED, SHARE, THIRD
 from pcontact.runtime import log
 
 REACHED, FAILED, SPENT = 0, 1, 4
 # [passes] After which a mesh must have brought something. From: each at least doubles the cells or is the last one.
 PATIENCE = 3
-# [-] Power of a pressure from which on its square has no integral in the plane, as far as meshes tell it: 0.02 more.
-# From: a punch that is a hundred times as stiff as the block, -0.50.
-NO_SQUARE = -0.48
 # [-] Error that is aimed at over the parts that no mesh takes away, where these are more than the target. From: chosen;
 # a mesh with half of that error takes several times the cells and brings it down by a quarter.
 REACH = 2.0
@@ -76,12 +73,7 @@ class Decision:
         self._reached = done.error <= goal
         if self._reached and done.confirmed:
             return self._spent("")
-        # first: what is wanted depends on what the mesh tells of singular points
         space, known = simulation.problem.space, self._alike() > 1
-        seen = self._refining.look(space, watch, self._same_bodies())
-        wall = self._refining.corners.wall
-        if wall is not None and (wall.power <= NO_SQUARE or wall.left > goal * done.known.least):
-            return self._spent(_said_of_wall(wall))
         if self._stalls():
             largest = max(done.parts, key=done.parts.get)
             return self._spent(f"finer meshes do not bring it down, the largest part is {said_of(largest)}")
@@ -95,18 +87,17 @@ class Decision:
         if FULL * self.most < 1.0:
             return self.spent(), None
         self._asked = most = self._budget.of_cells(self.most)
-        known = known and (self._refining.whole or self._trust(done) > TRUST or self._refining.corners.explain)
         whole = self._refining.whole
-        step = self._step(space, watch, seen, done, most, known)
+        known = known and (whole or self._trust(done) > TRUST)
+        step = self._step(space, watch, done, most, known)
         divides = whole and self._divides(simulation, watch, done, step)
 
         def plan(most):
             if not divides:
-                return self._step(space, watch, seen, done, most, known)
-            around = (None, None, seen[2])
+                return self._step(space, watch, done, most, known)
             # simplices with the same nodes have another error
             wanted = self.wanted(done, TRUST, MEASURED[done.known.dim, done.degree][0])
-            return self._refining.step(space, watch.squares, around, wanted, most, False, True)
+            return self._refining.step(space, watch.squares, wanted, most, False, True)
 
         step = plan(most) if divides else step
         # a mesh of fewer cells may be the better one: where these are finer than needed they become larger
@@ -131,9 +122,9 @@ class Decision:
             log.warning("%s: on to the %.3g %% that can be reached", said, 100.0 * self.aim)
         return said
 
-    def _step(self, space, watch, seen, done, most, known):
+    def _step(self, space, watch, done, most, known):
         """Refinement of the cells that are not divided. *Collective.*"""
-        return self._refining.step(space, watch.squares, seen, self.wanted(done), most, known)
+        return self._refining.step(space, watch.squares, self.wanted(done), most, known)
 
     def _divides(self, simulation, watch, done, step):
         """Return True if the cells of a mesh are divided into simplices. *Collective.*"""
@@ -194,17 +185,16 @@ class Decision:
         return part ** (1.0 / done.power)
 
     def _trust(self, done):
-        """The power of the error in the one that was expected of the last mesh: below 1 where solutions are singular,
-        unless that is known by now."""
-        old, corners = self._passes[-2] if len(self._passes) > 1 else None, self._refining.corners
+        """The power of the error in the one that was expected of the last mesh: below 1 where solutions are
+        singular."""
+        old = self._passes[-2] if len(self._passes) > 1 else None
         if not self._goes_on(old, done):
             return TRUST
         # what estimates are taken for changes when meshes have been compared, and is no rate, either
         same = done.part / old.part
         expected, seen = old.next["mesh"] / old.parts["mesh"], same * done.parts["mesh"] / old.parts["mesh"]
         if not 0.0 < expected < 1.0:
-            return TRUST if corners.explain else 1.0
-        # singular points explain why the error has fallen less than expected; where it has not, there is no doubt
+            return 1.0
         return float(np.clip(np.log(seen) / np.log(expected), TRUST, 1.0))
 
     def _goes_on(self, old, done):
@@ -218,13 +208,6 @@ class Decision:
         """Return True if the error that a pass names is as large as that of no displacement at all."""
         return done.of == "energy" and done.parts["mesh"] >= 1.0
 
-    def _same_bodies(self):
-        """Return True if estimates of the last two meshes compare: facets that have come onto the geometry since
-        make bodies of another shape."""
-        if self._settings.staying or len(self._passes) < 2:
-            return True
-        return max(self._passes[-2].parts.get(name, 0.0) for name in FACETS) <= SHARE * self._settings.goal
-
     def _alike(self):
         """Number of passes with the degree of the last one."""
         return sum(one.degree == self._passes[-1].degree for one in self._passes)
@@ -236,16 +219,4 @@ class Decision:
         # errors fall irregularly: one mesh that has brought nothing says little
         old, new = self._passes[-PATIENCE], self._passes[-1]
         same = old.steps == new.steps and old.degree == new.degree
-        # points that have just been found explain why the last mesh was not the one it should have been
-        same &= not self._refining.corners.explain
         return same and new.unknowns > old.unknowns and new.error >= old.error
-
-
-def _said_of_wall(wall):
-    """Return why the pressure is not reached, in words."""
-    at = ", ".join(f"{x:.4g}" for x in wall.point)
-    said = f"toward ({at}) the pressure goes like r^{wall.power:.2f} with the distance r"
-    if wall.power <= NO_SQUARE:
-        return f"{said}, whose square has no integral: its error in L2 is as large on any mesh; name that of a force"
-    left = f"{100.0 * wall.left:.2g} %"
-    return f"{said}: the smallest cells that there may be leave {left} of it in L2; name the error of a force"

@@ -4,12 +4,10 @@ from copy import copy
 
 import numpy as np
 
-from pcontact.adapt.edges import front_of
 from pcontact.adapt.effectivity import Effectivity, unseen
 from pcontact.adapt.passes import Pass
 from pcontact.adapt.secondary import Runs, Secondary
 from pcontact.adapt.settings import FACETS, NOTICED, THIRD
-from pcontact.adapt.singularities import PressureError
 from pcontact.element.reference import CELLS
 from pcontact.runtime import log
 from pcontact.runtime.petsc import MPI, PETSc
@@ -43,9 +41,7 @@ class Measures:
             sums = simulation.comm.allreduce(np.array([own.squares.sum() for own in watches]), op=MPI.SUM)
             shares = [(one.parts["mesh"] / self._settings.goal) ** (2.0 / one.power) / (total or 1.0)
                       for one, total in zip(found, sums, strict=True)]  # fmt: skip
-            own = watches[found.index(done)]
-            squares = [share * one.squares for share, one in zip(shares, watches, strict=True)]
-            watch.squares, watch.energies, watch.pressure = np.max(squares, axis=0), own.energies, own.pressure
+            watch.squares = np.max([share * one.squares for share, one in zip(shares, watches, strict=True)], axis=0)
             done.each, done.trials = found, sum(one.trials for one in found)
             done.confirmed = all(one.confirmed for one in found)
         return done
@@ -207,17 +203,9 @@ class Measure:
             return np.abs(own)
         # the pressure is that of cells on the contact, and depends on the stress of all others: as much as they have in
         # the energy norm, but no more than the contact itself
-        (contact,) = (one for one in simulation.problem.contacts if one.name == self._target.name)
-        groups = [name for pair in contact.pairs for name in (pair.contact.source, pair.contact.target)]
         pressure, others = own / (found.value**2 or 1.0), watch.squares / (watch.norm**2 or 1.0)
-        watch.energies = watch.squares
         sums = simulation.comm.allreduce(np.array([pressure.sum(), others.sum()]), op=MPI.SUM)
-        squares = pressure + min(sums[0] / (sums[1] or 1.0), 1.0) * others
-        if simulation.problem.space.dim == 2:
-            watch.pressure = PressureError.of(simulation.problem.space, pressure, groups)
-        else:
-            watch.pressure = front_of(simulation.problem.space, contact, simulation.stepper.u, squares)
-        return squares
+        return pressure + min(sums[0] / (sums[1] or 1.0), 1.0) * others
 
     def _add_loads(self, comm, watch, forces, parts):
         """Let the indicators have cells whose loads are integrated badly, by their share. *Collective.*"""

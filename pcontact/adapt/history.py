@@ -54,10 +54,6 @@ class Watch(Observer):
         last.
     squares : ndarray (n_cells,)
         Largest squared estimates of the cells of this rank over the load steps, block after block [energy].
-    energies : ndarray (n_cells,) or None
-        Those of the energy norm, where `squares` have become others that do not tell of singular points.
-    pressure : pcontact.adapt.singularities.PressureError, pcontact.adapt.edges.Front or None
-        Where it is the error of one that is named: in the plane, and in space.
     absolute, norm, algebraic : float
         Largest of the load steps [sqrt(energy)].
     record, time, unbalanced : dict, float, ndarray (n_owned, d)
@@ -67,7 +63,7 @@ class Watch(Observer):
     def __init__(self, simulation):
         self._simulation, self.times, self.fields, self.alone, self._every = simulation, [], [], [], True
         self.squares, self.absolute, self.norm, self.algebraic = None, 0.0, 0.0, 0.0
-        self.record, self.time, self.unbalanced, self.energies, self.pressure = None, 0.0, None, None, None
+        self.record, self.time, self.unbalanced = None, 0.0, None
         # the same on every rank
         space = simulation.problem.space
         self._most = max(ROOM * space.comm.size // (8 * space.n_dofs), 1)

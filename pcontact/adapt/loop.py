@@ -267,7 +267,7 @@ class Loop:
             step = plan(growth)
         if finer is None:
             return None, None, self._decision.spent()
-        self._refining.take(finer)
+        self._refining.whole = finer.whole
         if self._decision.tells_nothing(done):
             # bodies move otherwise: load steps that begin where they were take more iterations than others
             known = known._replace(every=False)

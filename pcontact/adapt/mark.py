@@ -11,7 +11,6 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact.element.reference import CELLS
-from pcontact.mesh.refinement.simplices import WISHED
 from pcontact.mesh.refinement.split import folded
 from pcontact.runtime import log
 from pcontact.runtime.petsc import MPI
@@ -29,9 +28,6 @@ LEAST_GROWTH = 2.0
 # [-] Part of their squares by which cells that are alike differ. From: a mesh and its mirror image, whose squares
 # differ by what the solver leaves.
 SAME = 1e-4
-# [-] Cells per cell on a singular edge that are made by a halving of it; and the square of a cell beside it over that
-# of one on it. From: bisection of a tetrahedron into eight, two of which have the edge; a stiff cube on a block.
-COST, BESIDE = 7.0, 0.004
 # [-] The neighbours of the cells that are cut follow: unknowns over those expected, before it has been seen.
 # From: named_error.py.
 FOLLOWERS = 1.4
@@ -50,17 +46,11 @@ class Cuts(NamedTuple):
         Of the error that is expected to be left.
     growth : float
         Cells that are expected over those of now.
-    deep : ndarray (n,) or None
-        Bisections more of the parts of cells on singular edges that touch these; None: there are none.
-    within : ndarray (n,) or None
-        Sizes of cells, from which distance to the edge on other parts of them have more bisections.
     """
 
     more: np.ndarray
     part: float
     growth: float
-    deep: np.ndarray | None = None
-    within: np.ndarray | None = None
 
 
 class Contributions(NamedTuple):
@@ -76,28 +66,18 @@ class Contributions(NamedTuple):
         Of space.
     count : ndarray (n,) or None
         Of cells that have these squares each; None: one.
-    power : ndarray (n,) or None
-        With which the squares around a vertex of the cell fall, see `pcontact.adapt.singularities`; 2 p + d, and None,
-        where the solution is smooth.
     whole : bool
         Whether all cells are halved together.
     level : ndarray (n,) of int or None
         Bisections that have made the cells, and may be taken back; None: none.
-    touches : ndarray (n,) of int or None
-        See :class:`pcontact.adapt.edges.Edges`; None: there are no singular edges.
-    shared : ndarray (n,) or None
-        Of cells that touch edges, the squares that they are cut for.
     """
 
     squares: np.ndarray
     degree: int
     dim: int
     count: np.ndarray | None = None
-    power: np.ndarray | None = None
     whole: bool = False
     level: np.ndarray | None = None
-    touches: np.ndarray | None = None
-    shared: np.ndarray | None = None
 
 
 def degrees(space, whole=False):
@@ -129,10 +109,9 @@ def cuts(comm, errors, part, most=np.inf, least=0.0):
     """Cuts that leave a part of the error. *Collective.*
 
     A cell's part of the squared error falls with 2^(-2 p / d) per bisection, the cells double: the fewest have sizes in
-    proportion to estimate^(-2 / (2 p + d)). Around a point toward which the solution is singular, squares of cells of
-    size h at a distance r go with h^(2 p + d) r^(e - 2 p - d), and the fewest cells have sizes in proportion to
-    r^(1 - e / (2 p + d)): the parts of a cell there are more by a geometric series. Cells that earlier meshes have made
-    smaller than that become larger again, by whole bisections, so that the next mesh need not cut them once more.
+    proportion to estimate^(-2 / (2 p + d)). Toward points where the solution is singular estimates stay large, and the
+    cells become smaller from mesh to mesh. Cells that earlier meshes have made smaller than that become larger again,
+    by whole bisections, so that the next mesh need not cut them once more.
 
     Parameters
     ----------
@@ -147,13 +126,8 @@ def cuts(comm, errors, part, most=np.inf, least=0.0):
     -------
     Cuts
     """
-    squares, degree, dim, count, power, _, level, touches, _ = errors
+    squares, degree, dim, count, _, level = errors
     number = np.ones(len(squares)) if count is None else count
-    # cells that grow smaller toward a point, over those that are alike
-    series = np.ones(len(squares))
-    if power is not None and touches is None:
-        singular = power < 2.0 * degree + dim
-        series = np.where(singular, 1.0 / (1.0 - 0.5 ** (dim * power / (2.0 * degree + dim))), 1.0)
     back = 0 if level is None else -np.minimum(level, dim)
     total, count, low, high = _sums(comm, squares, number)
     if total == 0.0:
@@ -164,10 +138,8 @@ def cuts(comm, errors, part, most=np.inf, least=0.0):
         with np.errstate(divide="ignore"):
             wanted = dim / (2.0 * degree + dim) * np.log2(squares / scale)
         more = np.clip(np.where(wanted > 0.0, np.rint(wanted), np.ceil(wanted)), back, AT_ONCE * dim).astype(np.int64)
-        if touches is not None:
-            return _toward_edges(comm, errors, scale, more, (total, count))
-        parts = np.where(more > 0, number * series, number)
-        own, both = np.array([(parts * squares) @ 0.25 ** (degree * more / dim), parts @ 2.0**more]), np.empty(2)
+        own = np.array([(number * squares) @ 0.25 ** (degree * more / dim), number @ 2.0**more])
+        both = np.empty(2)
         comm.Allreduce(own, both, op=MPI.SUM)
         left, cells = both
         return Cuts(more, float(np.sqrt(left / total)), float(cells / count))
@@ -185,38 +157,6 @@ def cuts(comm, errors, part, most=np.inf, least=0.0):
         else:
             high, at_high = middle, found
     return at_high if at_low.growth > most else at_low
-
-
-def _toward_edges(comm, errors, scale, more, sums):
-    """Cuts of a scale, the squares that other cells are to have, where cells have singular edges; `more` (n,):
-    bisections of others, `sums`: sum of the squares, and number of the cells of all ranks. *Collective.*
-
-    A halving of the cells on an edge leaves 2^(1 - e) of their squares, of which there are twice as many, and makes
-    `COST` cells: with the fewest cells, theirs are so much larger than those of others.
-    """
-    squares, dim, on = errors.squares, errors.dim, np.flatnonzero(errors.touches)
-    degree = np.broadcast_to(errors.degree, len(squares))
-    power, smooth, edge = errors.power[on], 2.0 * degree[on] + dim, errors.touches[on] == 2
-    with np.errstate(divide="ignore"):
-        over = np.maximum(np.log2(errors.shared[on] / (COST * scale)), 0.0)
-    deepest = WISHED // dim
-    halvings = np.minimum(over / power, deepest)
-    left = np.where(edge, 2.0**halvings, 1.0) * 2.0 ** (-halvings * power)
-    for k in range(deepest):
-        # beside those that have been halved k times
-        beside = np.minimum(BESIDE * 2.0 ** (-k * power), 2.0**-over / COST)
-        left += (COST - 1.0) * 2.0**k * beside * np.clip(halvings - k, 0.0, 1.0)
-    outer = dim / smooth * (over + np.log2(COST * BESIDE))
-    first = np.maximum(np.rint(outer), 0.0).astype(np.int64)
-    more, parts, rest = more.copy(), 2.0**more, 0.25 ** (degree * more / dim)
-    more[on], rest[on] = first, left
-    parts[on] = 2.0**first * np.where(edge, COST * 2.0**halvings - COST + 1.0, COST * halvings + 1.0)
-    deep, within = np.zeros(len(squares)), np.ones(len(squares))
-    deep[on] = np.where(edge, np.maximum(dim * halvings - first, 0.0), 0.0)
-    within[on] = 2.0 ** ((outer - first) / (dim * (1.0 - power / smooth)))
-    own, both = np.array([squares @ rest, parts.sum()]), np.empty(2)
-    comm.Allreduce(own, both, op=MPI.SUM)
-    return Cuts(more, float(np.sqrt(both[0] / sums[0])), float(both[1] / sums[1]), deep, within)
 
 
 def _sums(comm, squares, number):

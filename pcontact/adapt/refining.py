@@ -7,7 +7,6 @@ import numpy as np
 
 from pcontact import build
 from pcontact.adapt.mark import NAMES, Choice, Contributions, Cuts, degrees, locking, next_cuts, of_parts, parts_of
-from pcontact.adapt.singularities import Corners
 from pcontact.mesh.refinement.refine import HALVED, SIMPLICES, Balance, refine
 from pcontact.mesh.refinement.split import split
 
@@ -19,16 +18,11 @@ class Step(NamedTuple):
     ----------
     cuts : pcontact.adapt.mark.Cuts
         Of the simplices of each cell, where the mesh is divided.
-    rise : pcontact.mesh.refinement.refine.Rise or None
-    around : sequence of ndarray (n_nodes, 3)
-        What the next mesh has to know of this one, see :class:`pcontact.adapt.singularities.Corners`.
     divided : bool
         Whether the cells are divided into simplices first.
     """
 
     cuts: Cuts
-    rise: object
-    around: tuple
     divided: bool = False
 
 
@@ -39,15 +33,12 @@ class Cut(NamedTuple):
     ----------
     mesh : pcontact.mesh.mesh.Mesh
     fields : list of ndarray (n_nodes, k)
-    around : list of ndarray (n_nodes, 3)
-        As of :class:`Step`, at its nodes.
     whole : bool
         Whether its cells are no simplices.
     """
 
     mesh: object
     fields: list
-    around: list = ()
     whole: bool = True
 
 
@@ -62,7 +53,6 @@ class Refining:
 
     Attributes
     ----------
-    corners : pcontact.adapt.singularities.Corners
     whole : bool
         Whether the cells of the last mesh are no simplices.
     choice : pcontact.adapt.mark.Choice
@@ -71,7 +61,7 @@ class Refining:
 
     def __init__(self, comm, settings, options):
         self._comm, self._settings, self._options = comm, settings, options
-        self.corners, self.whole, self.choice = Corners(comm), False, Choice(comm)
+        self.whole, self.choice = False, Choice(comm)
 
     def first(self, scene):
         """The mesh of the file, divided where it has cells that the estimate does not know, or that nothing halves.
@@ -87,7 +77,6 @@ class Refining:
         ------
         InputError
         """
-        self.corners.sought = not scene.plastic
         said = self._settings.degree.now
         # read as the user says: with a geometry cells are to be curved with either degree
         mesh = build.read(
@@ -114,34 +103,21 @@ class Refining:
         self.whole = False
         return split(mesh, (), Balance(*build.balance(scene, self._options))).mesh
 
-    def look(self, space, watch, alike=True):
-        """Singular points as the last mesh tells them, see :meth:`pcontact.adapt.singularities.Corners.look`.
-        *Collective.*"""
-        return self.corners.look(space, watch.squares if watch.energies is None else watch.energies, alike,
-                                 watch.pressure)  # fmt: skip
-
-    def step(self, space, squares, seen, wanted, most, known, divided=False):
+    def step(self, space, squares, wanted, most, known, divided=False):
         """Way to cut the cells of the last pass: a :class:`Step`. *Collective.*
 
-        `squares` is what they have in the squared error, `seen` that of :meth:`look`, `wanted` the part of the error in
-        the energy norm to be left (where cells are `divided` first, of that of the simplices), `most` the growth of the
-        number of cells at most, `known` whether the rate is known at which the error falls.
+        `squares` is what they have in the squared error, `wanted` the part of the error in the energy norm to be left
+        (where cells are `divided` first, of that of the simplices), `most` the growth of the number of cells at most,
+        `known` whether the rate is known at which the error falls.
         """
-        power, rise, around = seen
         degree, dim = degrees(space, self.whole and not divided), space.dim
         if divided:
             parts = parts_of(space.mesh)
             errors = Contributions(of_parts(squares, parts, dim, degree), degree, dim, parts)
         else:
             level = None if space.mesh.origin is None else space.mesh.origin.level
-            errors = Contributions(squares, degree, dim, power=power, whole=self.whole, level=level)
-            if self.corners.edges is not None:
-                errors = errors._replace(touches=self.corners.edges.touches,
-                                         shared=self.corners.edges.shared(space, squares))  # fmt: skip
-        cuts = next_cuts(self._comm, errors, wanted, most, known)
-        if cuts.deep is not None:
-            rise = rise._replace(most=cuts.deep, within=rise.within * cuts.within)
-        return Step(cuts, rise, around, divided)
+            errors = Contributions(squares, degree, dim, whole=self.whole, level=level)
+        return Step(next_cuts(self._comm, errors, wanted, most, known), divided)
 
     def cut(self, mesh, step, fields, scene):
         """The next mesh, a :class:`Cut`, spread over the ranks for a scene. *Collective.*"""
@@ -151,15 +127,6 @@ class Refining:
                 n = sum(len(block.nodes) for block in mesh.blocks)
                 mesh, fields = refine(mesh, np.ones(n, dtype=np.int64), fields, balance)
             return Cut(mesh, fields)
-        fields = [*fields, *step.around]
         if step.divided:
             mesh, fields, more = split(mesh, fields, balance, cells=more)
-        finer, fields = refine(mesh, more, fields, balance, step.rise)
-        own = len(fields) - len(step.around)
-        return Cut(finer, fields[:own], fields[own:], self.whole and not step.divided)
-
-    def take(self, cut):
-        """Take notice of the mesh that is the next one."""
-        self.whole = cut.whole
-        if not self.whole:
-            self.corners.take(cut.around)
+        return Cut(*refine(mesh, more, fields, balance), False)

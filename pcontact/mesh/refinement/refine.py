@@ -129,30 +129,6 @@ class Balance(NamedTuple):
     method: str = "bisection"
 
 
-class Rise(NamedTuple):
-    """Wish for cells that are smaller and smaller toward a point, or toward a straight edge.
-
-    Attributes
-    ----------
-    rise : ndarray (n_cells,)
-        Cuts that the parts of a cell get more whenever their distance to it halves; 0: none.
-    toward : ndarray (n_cells, d)
-        The point, or an end of the edge [length].
-    along : ndarray (n_cells, d)
-        From there to the other end; 0: a point [length].
-    within : ndarray (n_cells,)
-        Distance from which on [length].
-    most : ndarray (n_cells,)
-        Cuts that they get more at most, those that touch it all of them; inf: the distances are those of their middles.
-    """
-
-    rise: np.ndarray
-    toward: np.ndarray
-    along: np.ndarray
-    within: np.ndarray
-    most: np.ndarray
-
-
 class Refined(NamedTuple):
     """A refined mesh.
 
@@ -167,7 +143,7 @@ class Refined(NamedTuple):
     fields: list
 
 
-def refine(mesh, more, fields=(), balance=None, rise=None):
+def refine(mesh, more, fields=(), balance=None):
     """Cut cells that are wanted smaller and join those that are wanted larger. *Collective.*
 
     Parameters
@@ -181,8 +157,6 @@ def refine(mesh, more, fields=(), balance=None, rise=None):
     fields : sequence of ndarray (n_nodes, k) float64
         Values at the nodes of this rank, interpolated with the shape functions of the layout of the nodes.
     balance : Balance, optional
-    rise : Rise, optional
-        For triangles and tetrahedra.
 
     Returns
     -------
@@ -204,7 +178,7 @@ def refine(mesh, more, fields=(), balance=None, rise=None):
                     return Refined(mesh, [np.array(field, dtype=float) for field in fields])
                 piece, widths = halved(exchanger, mesh, fields)
             else:
-                piece, widths = _grown(exchanger, mesh, origin, (more, rise), fields)
+                piece, widths = _grown(exchanger, mesh, origin, more, fields)
             new = deal(piece, *(balance or Balance()))
             if regular and mesh.belongs is not None:
                 new.belongs = belonging(new, mesh.belongs.path, mesh.belongs.scene, strict=False)
@@ -239,11 +213,11 @@ def carried_over(new, mesh, base, widths):
     return Refined(new, parts)
 
 
-def _grown(exchanger, mesh, origin, wanted, fields):
+def _grown(exchanger, mesh, origin, more, fields):
     """The new mesh in slices, and the widths of the fields that go with its nodes. *Collective.*"""
     base = origin.base
     kinds = {block.cell for block in base.blocks}
-    wishes, spans = _wishes(exchanger, mesh, origin, *wanted)
+    wishes, spans = _wishes(exchanger, mesh, origin, more)
     columns = bits(base.node_groups, len(base.points))
     forest = Forest(base, kinds.pop(), columns, _edges(base))
     forest.cells.wishes[: len(spans)] = spans
@@ -256,28 +230,20 @@ def _grown(exchanger, mesh, origin, wanted, fields):
     return _sliced(exchanger, base, forest, facets, points, values), widths
 
 
-def _wishes(exchanger, mesh, origin, more, rise):
+def _wishes(exchanger, mesh, origin, more):
     """Wishes for the cells of the base here, sorted, and first and last + 1 of each of its cells (n, 2).
     *Collective.*"""
     base = origin.base
     n = sum(len(block.nodes) for block in base.blocks)
     wanted = np.clip(origin.level + more, 0, WISHED)
-    if rise is None:
-        nowhere = np.zeros((len(wanted), base.dim))
-        rise = Rise(np.zeros(len(wanted)), nowhere, nowhere, *np.zeros((2, len(wanted))))
-    real = np.column_stack(rise).view(np.int64)
-    table = np.column_stack([origin.path.view(np.int64), origin.level, wanted, real])
+    table = np.column_stack([origin.path.view(np.int64), origin.level, wanted])
     rows = np.arange(n)
     if mesh is not base:
         rows, table = to_base(exchanger, base, origin.cells, table)
     path = np.ascontiguousarray(table[:, 0]).view(np.uint64)
     order = np.lexsort((path, rows))
     ends = np.searchsorted(rows[order], np.arange(n + 1))
-    real = np.ascontiguousarray(table[order, 3:]).view(np.float64)
-    levels = table[order, 1].astype(np.int32), table[order, 2].astype(np.int32)
-    parts = np.split(real, np.cumsum([1, base.dim, base.dim, 1]), axis=1)
-    rise, toward, along, within, most = (part.copy() for part in parts)
-    wishes = Wishes(path[order], *levels, rise[:, 0], toward, along, within[:, 0], most[:, 0])
+    wishes = Wishes(path[order], table[order, 1].astype(np.int32), table[order, 2].astype(np.int32))
     return wishes, np.column_stack([ends[:-1], ends[1:]])
 
 

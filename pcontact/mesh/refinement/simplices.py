@@ -169,25 +169,11 @@ class Wishes(NamedTuple):
     level : ndarray (n,) int32
         Of the cell.
     wanted : ndarray (n,) int32
-    rise : ndarray (n,)
-        Levels that are wanted more whenever the distance of a part of the cell to a point, or to a straight edge,
-        halves; 0: none.
-    toward, along : ndarray (n, d)
-        The point, or an end of the edge, and the way from there to the other end; 0: a point [length].
-    within : ndarray (n,)
-        Distance from which on [length].
-    most : ndarray (n,)
-        Levels that are wanted more at most.
     """
 
     path: np.ndarray
     level: np.ndarray
     wanted: np.ndarray
-    rise: np.ndarray
-    toward: np.ndarray
-    along: np.ndarray
-    within: np.ndarray
-    most: np.ndarray
 
 
 @njit_inline
@@ -268,35 +254,7 @@ def _due(nodes, cells, wishes, c):
     for k in range(cells.wishes[c, 0], cells.wishes[c, 1]):
         if wishes.wanted[k] > level:
             return True
-        if wishes.rise[k] > 0.0 and min(wishes.wanted[k] + _risen(nodes, cells, wishes, c, k), WISHED) > level:
-            return True
     return False
-
-
-@njit_inline
-def _risen(nodes, cells, wishes, c, k):
-    """Levels that a cell is wanted more because it is nearer to the point or edge of a wish than the cell of the wish:
-    its middle, or, where there is a limit, its nearest vertex."""
-    corners, square, dim = cells.vertices.shape[1], 0.0, nodes.points.shape[1]
-    if wishes.most[k] < np.inf:
-        square = np.inf
-        for v in range(corners):
-            own, part, whole = 0.0, 0.0, 0.0
-            for i in range(dim):
-                x = nodes.points[cells.vertices[c, v], i] - wishes.toward[k, i]
-                own += x**2
-                part += x * wishes.along[k, i]
-                whole += wishes.along[k, i] ** 2
-            at = min(max(part / max(whole, 1e-300), 0.0), 1.0)
-            square = min(square, own + at * (at * whole - 2.0 * part))
-    else:
-        for i in range(dim):
-            x = 0.0
-            for v in range(corners):
-                x += nodes.points[cells.vertices[c, v], i]
-            square += (x / corners - wishes.toward[k, i]) ** 2
-    octaves = 0.5 * np.log2(wishes.within[k] ** 2 / max(square, 1e-300))
-    return np.int64(np.rint(min(wishes.rise[k] * max(octaves, 0.0), wishes.most[k])))
 
 
 @njit_inline

@@ -18,15 +18,12 @@ from pcontact.scene.target import Target
 class Recorder(SimpleNamespace):
     """Stands for the refining of a mesh of tetrahedra: remembers what it is asked for."""
 
-    def look(self, *_):
-        return None, None, ()
-
-    def step(self, space, squares, seen, wanted, most, known):
+    def step(self, space, squares, wanted, most, known):
         self.wanted, self.known = wanted, known
-        return Step(Cuts(np.ones(1, dtype=np.int64), wanted, 10.0), None, ())
+        return Step(Cuts(np.ones(1, dtype=np.int64), wanted, 10.0))
 
 
-def asked(second, explain=False, parts=(1.0, 1.0), first=0.4, edges=None):
+def asked(second, parts=(1.0, 1.0), first=0.4):
     """Of the refining after two passes, the second one of an error: the first had 0.4, and 0.1 was expected. `parts` of
     the error are what their estimates were taken for."""
     known = Range(1.0, 2.0, "", 3)
@@ -34,7 +31,7 @@ def asked(second, explain=False, parts=(1.0, 1.0), first=0.4, edges=None):
               for error in (first, second)]  # fmt: skip
     passes[0].part, passes[1].part = parts
     passes[0].next = {"unknowns": 100.0, "mesh": 0.1, "load_steps": 1, "degree": 2}
-    refining = Recorder(whole=False, corners=SimpleNamespace(explain=explain, wall=None, edges=edges))
+    refining = Recorder(whole=False)
     settings = SimpleNamespace(staying=(), falling=("mesh",), steps=1, goal=0.01, balance=lambda *_: None,
                                follow=lambda _: None)  # fmt: skip
     decision = Decision(Target(0.01), settings, passes, refining, MPI.COMM_SELF)
@@ -50,7 +47,7 @@ def test_a_target_that_cells_reach_as_they_cancel_takes_another_mesh(confirmed, 
     parts = {"mesh": 0.0195, "algebraic": 0.0}
     done = Pass(100, 50, 2, 0.01, Range(0.4, 2.0, "", 2), parts, 0.0195, seconds=1.0, memory=1e8, quantity={},
                 of="force:face", confirmed=confirmed)  # fmt: skip
-    refining = Recorder(whole=False, corners=SimpleNamespace(explain=False, wall=None))
+    refining = Recorder(whole=False)
     settings = SimpleNamespace(staying=(), falling=("mesh",), steps=1, goal=0.02, balance=lambda *_: None,
                                follow=lambda _: None)  # fmt: skip
     decision = Decision(Target(0.02, "force:face"), settings, [done], refining, MPI.COMM_SELF)
@@ -69,18 +66,10 @@ def test_estimates_that_are_taken_for_another_part_of_the_error_are_compared_as_
     assert not asked(0.13, parts=(0.6, 1.0)).known and asked(0.13, parts=(1.0, 1.0)).known
 
 
-def test_singular_points_excuse_and_cast_no_doubt():
-    """What has fallen as expected is trusted, whether they are there or not."""
-    assert asked(0.1, True).wanted == asked(0.1).wanted == pytest.approx(0.085)
-    assert asked(0.25, True).wanted == pytest.approx(0.034 ** (1.0 / TRUST))
-    assert asked(0.25, True).known
-
-
-def test_what_edges_leave_is_known():
-    """The next mesh reaches the target, however little the last one has brought, unless it knew them."""
-    found = asked(0.25, True, edges=True)
-    assert found.known and found.wanted == pytest.approx((0.0085 / 0.25) ** (1.0 / TRUST))
-    assert not asked(0.25, edges=True).known
+def test_what_has_fallen_as_expected_is_trusted():
+    """What has not is another rate, down to that of singular points."""
+    assert asked(0.1).wanted == pytest.approx(0.085)
+    assert asked(0.25).wanted == pytest.approx(0.034 ** (1.0 / TRUST))
 
 
 def test_an_error_as_large_as_the_solution_says_nothing():
@@ -93,7 +82,7 @@ def test_the_best_that_facets_leave_is_reached(error, status):
     """Facets alone are more than the target: meshes are made for as much again, and then there is no other one."""
     parts = {"mesh": error - 0.04, "algebraic": 0.0, "curved_facets": 0.04}
     done = Pass(100, 50, 2, error, Range(1.0, 2.0, "", 3), parts, error, seconds=1.0, memory=1e8)
-    refining = Recorder(whole=False, corners=SimpleNamespace(explain=False, wall=None))
+    refining = Recorder(whole=False)
     settings = SimpleNamespace(staying=("curved_facets",), falling=("mesh",), steps=1, goal=0.02,
                                balance=lambda *_: None, follow=lambda _: None)  # fmt: skip
     decision = Decision(Target(0.02), settings, [done], refining, MPI.COMM_SELF)
