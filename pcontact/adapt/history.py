@@ -25,15 +25,11 @@ class Known(NamedTuple):
         Displacements then [length].
     every : bool
         Whether these are all load steps.
-    alone : list of bool
-        Whether a load step with friction had its solution after one iteration from the end of the one before: no
-        contact changes in it but as that iteration says. Empty: no load step.
     """
 
     times: list
     fields: list
     every: bool = True
-    alone: list = ()
 
     def moved(self, function):
         """The same on another mesh: ``function(fields)`` takes a list of fields there."""
@@ -49,7 +45,7 @@ class Watch(Observer):
 
     Attributes
     ----------
-    times, fields, alone
+    times, fields
         As of :class:`Known`; where there is no room for all of them, of every other load step, or fewer, but always the
         last.
     squares : ndarray (n_cells,)
@@ -61,7 +57,7 @@ class Watch(Observer):
     """
 
     def __init__(self, simulation):
-        self._simulation, self.times, self.fields, self.alone, self._every = simulation, [], [], [], True
+        self._simulation, self.times, self.fields, self._every = simulation, [], [], True
         self.squares, self.absolute, self.norm, self.algebraic = None, 0.0, 0.0, 0.0
         self.record, self.time, self.unbalanced = None, 0.0, None
         # the same on every rank
@@ -71,19 +67,16 @@ class Watch(Observer):
     @property
     def known(self):
         """Knowledge for another run."""
-        return Known(self.times, self.fields, self._every, self.alone)
+        return Known(self.times, self.fields, self._every)
 
     def step(self, step, u, record):
         """Take what the load step says. *Collective.*"""
-        begin, estimate = self._simulation.begin, self._simulation.error_estimate
-        own = self._simulation.scene.frictional and (begin is None or begin.alone(step.begin, step.time))
-        self.alone.append(own and step.newton <= 1)
+        estimate = self._simulation.error_estimate
         self.times.append(step.time)
         self.fields.append(at_nodes(self._simulation.problem.space, u))
         if len(self.times) > self._most:
             # counted from the end: what bodies do between two of them is a straight line for the next mesh
             self.times, self.fields, self._every = self.times[::-2][::-1], self.fields[::-2][::-1], False
-            self.alone = self.alone[::-2][::-1]
         self.record, self.time, self.unbalanced = record, step.time, step.unbalanced
         self.squares = estimate.squares
         self.absolute = max(self.absolute, estimate.over_steps)
@@ -107,9 +100,7 @@ class Beginning:
     Where something remembers what has happened, the displacement of the other mesh itself is farther from the solution
     than that of the last load step: friction and plastic flow of the two meshes differ by more than they change in a
     load step. Where only some load steps are known, the way between them is no straight line, and the bodies are
-    expected where they go on by themselves. So they are under friction where one iteration did on the last mesh: there
-    is nothing to gain, and what a coarse mesh says of corners lets points slip or open on a fine one that never do.
-    Blocks pressed and sheared, 388 -> 3,974 unknowns: 26 iterations a load step, and one from where the last one ended.
+    expected where they go on by themselves.
 
     Parameters
     ----------
@@ -123,27 +114,17 @@ class Beginning:
         space = simulation.problem.space
         rows = space.mesh_nodes[space.owned_local]
         self._simulation, self._times, self._every = simulation, np.array([0.0, *known.times]), known.every
-        self._alone = np.array(known.alone, dtype=bool)
         self._fields = [np.zeros((len(rows), space.dim)), *(field[rows] for field in known.fields)]
 
     def __call__(self, time):
         """The displacement (n_owned, d) at the end of a load step; None where that of the last mesh is not known."""
         stepper = self._simulation.stepper
-        if self.alone(stepper.schedule.time, time):
+        if not self._every:
             return None
         before, then = self.at(stepper.schedule.time), self.at(time)
         if before is None or then is None:
             return None
         return stepper.u.getArray(readonly=True).reshape(then.shape) + (then - before)
-
-    def alone(self, begin, end):
-        """Return True if a load step between two times begins where the one before has ended."""
-        if not self._every:
-            return True
-        # the first of the times is the beginning of the run
-        first = int(np.searchsorted(self._times[1:], begin * (1.0 + SAME_TIME)))
-        last = int(np.searchsorted(self._times[1:], end * (1.0 - SAME_TIME)))
-        return last < len(self._alone) and bool(self._alone[first : last + 1].all())
 
     def at(self, time):
         """The displacement of the last mesh; between ends of load steps the mean."""
