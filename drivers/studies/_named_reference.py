@@ -22,8 +22,8 @@ from drivers._common import log
 from drivers.error_norms import Displacements, energy_density
 from drivers.studies._harness import solved as ran
 from pcontact.adapt.effectivity import State, left_after
-from pcontact.adapt.history import Watch
 from pcontact.adapt.loop import Loop
+from pcontact.adapt.passes import Watch
 from pcontact.adapt.secondary import solved
 from pcontact.adapt.settings import FACETS, FALLING
 from pcontact.element.geometry import gradients

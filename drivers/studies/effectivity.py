@@ -49,7 +49,7 @@ from meshes import indent as indent_mesh
 from meshes import rings as ring_mesh
 from meshes.shells import shells, tubes
 from pcontact import build
-from pcontact.adapt.history import at_nodes
+from pcontact.adapt.passes import at_nodes
 from pcontact.mesh.refinement.refine import Balance, refine
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.options import Options

@@ -11,8 +11,8 @@ from drivers._common import log, main, make_mesh, make_parser, print_table, writ
 from drivers.studies._harness import composed
 from meshes import two_blocks
 from pcontact import build
-from pcontact.adapt.history import Beginning, Known, Watch
 from pcontact.adapt.mark import Contributions, cuts
+from pcontact.adapt.passes import Beginning, Known, Watch
 from pcontact.mesh.refinement.refine import Balance, refine
 from pcontact.runtime.errors import StepFailure
 from pcontact.runtime.options import Options

@@ -1,14 +1,16 @@
 """Decision on another pass, what its mesh is made for, and why the last one is the last."""
 
 import time as clock
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
-from pcontact.adapt.budget import Budgeted
-from pcontact.adapt.mark import LEAP, MEASURED
-from pcontact.adapt.passes import cost_of, said_of
+from pcontact.adapt.mark import FOLLOWERS, LEAP, MEASURED
+from pcontact.adapt.passes import cost_of, memory_each, said_of
 from pcontact.adapt.settings import AIM, FULL, NOTICED, SHARE, THIRD
-from pcontact.runtime import log
+from pcontact.runtime import log, profile
+from pcontact.runtime.petsc import MPI
 
 REACHED, FAILED, SPENT = 0, 1, 4
 # [passes] After which meshes must have brought something, if they have `LEAP` times the unknowns. From: chosen.
@@ -32,7 +34,7 @@ class Decision:
         They follow what a pass says.
     passes : list of pcontact.adapt.passes.Pass
         Those that have run, the last one among them.
-    refining : pcontact.adapt.refining.Refining
+    refining : pcontact.adapt.mark.Refining
     comm : MPI.Comm
 
     Attributes
@@ -56,7 +58,7 @@ class Decision:
         Parameters
         ----------
         simulation : pcontact.simulation.Simulation
-        watch : pcontact.adapt.history.Watch
+        watch : pcontact.adapt.passes.Watch
         done : pcontact.adapt.passes.Pass
 
         Returns
@@ -65,7 +67,7 @@ class Decision:
             `REACHED` or `SPENT`.
         step : tuple or None
             ``plan(most)``, how cells are cut with a growth of their number at most, and how they are with the one that
-            the budget is expected to allow: :class:`pcontact.adapt.refining.Step`.
+            the budget is expected to allow: :class:`pcontact.adapt.mark.Cuts`.
         """
         self._settings.follow(done)
         goal = self._settings.goal
@@ -92,19 +94,18 @@ class Decision:
         self._asked = most = self._budget.of_cells(self.most)
         whole = self._refining.whole
         known = known and (whole or self._trust(done) > TRUST)
-        step = self._step(space, watch, done, most, known)
-        divides = whole and self._divides(simulation, watch, done, step)
 
-        def plan(most):
-            if not divides:
-                return self._step(space, watch, done, most, known)
+        def plan(most, divides=False):
             # simplices with the same nodes have another error
-            wanted = self.wanted(done, TRUST, MEASURED[done.known.dim, done.degree][0])
-            return self._refining.step(space, watch.squares, wanted, most, False, True)
+            wanted = self.wanted(done, *((TRUST, MEASURED[done.known.dim, done.degree][0]) if divides else ()))
+            return self._refining.step(space, watch.squares, wanted, most, known and not divides, divides)
 
-        step = plan(most) if divides else step
+        step = plan(most)
+        if whole and self._divides(simulation, watch, done, step):
+            plan = partial(plan, divides=True)
+            step = plan(most)
         # a mesh of fewer cells may be the better one: where these are finer than needed they become larger
-        if step.cuts.part >= 1.0:
+        if step.part >= 1.0:
             return self.spent(), None
         self._settings.balance(done, self.aim)
         done.next = self.expected(done, step)
@@ -125,14 +126,10 @@ class Decision:
             log.warning("%s: on to the %.3g %% that can be reached", said, 100.0 * self.aim)
         return said
 
-    def _step(self, space, watch, done, most, known):
-        """Refinement of the cells that are not divided. *Collective.*"""
-        return self._refining.step(space, watch.squares, self.wanted(done), most, known)
-
     def _divides(self, simulation, watch, done, step):
         """Return True if the cells of a mesh are divided into simplices. *Collective.*"""
-        choice, space, growth = self._refining.choice, simulation.problem.space, step.cuts.growth
-        if 1.0 < growth <= 2.0**space.dim and step.cuts.part <= self.wanted(done):
+        choice, space, growth = self._refining.choice, simulation.problem.space, step.growth
+        if 1.0 < growth <= 2.0**space.dim and step.part <= self.wanted(done):
             return choice.once(space.mesh)
         return choice.divides(simulation.scene, space, done, watch.squares, growth > 1.0)
 
@@ -147,8 +144,8 @@ class Decision:
     def expected(self, done, step):
         """Expectation of the pass after a pass whose cells are cut: its `next`."""
         more = MEASURED[done.known.dim, done.degree][0] if step.divided else 1.0
-        return {"unknowns": step.cuts.growth * done.unknowns,
-                "mesh": (more * step.cuts.part) ** done.power * done.parts["mesh"],
+        return {"unknowns": step.growth * done.unknowns,
+                "mesh": (more * step.part) ** done.power * done.parts["mesh"],
                 "load_steps": self._settings.steps, "degree": done.degree,
                 **({"divided": True} if step.divided else {})}  # fmt: skip
 
@@ -160,8 +157,8 @@ class Decision:
         """Return True if a mesh with so many unknowns after a pass, which a step has made, is within the budget, and
         the growth of cells to try in its place or None."""
         grown, most = unknowns / done.unknowns, self.most
-        self._budget.learn(grown, step.cuts.growth)
-        fits, limited = grown <= most, step.cuts.growth > FULL * self._asked and step.cuts.part > self.wanted(done)
+        self._budget.learn(grown, step.growth)
+        fits, limited = grown <= most, step.growth > FULL * self._asked and step.part > self.wanted(done)
         if fits and not (limited and grown < FULL * most):
             return True, None
         self._asked = FULL**0.5 * self._budget.of_cells(most)
@@ -223,3 +220,109 @@ class Decision:
         old, new = self._passes[-PATIENCE], self._passes[-1]
         same = old.steps == new.steps and old.degree == new.degree
         return same and new.unknowns > LEAP * old.unknowns and new.error >= old.error
+
+
+def costs(passes):
+    """Seconds of a pass that do not grow, and those of the last one that grow with the unknowns, in proportion."""
+    last = passes[-1]
+    spent = [one.seconds - one.trials for one in passes]
+    if len(passes) < 2 or last.unknowns <= passes[0].unknowns:
+        # the first one loads what is needed; estimates take about as long as the load steps
+        rest = min(2.0 * last.solve, spent[-1])
+        return spent[-1] - rest, rest
+    first = passes[0].unknowns / last.unknowns
+    rest = min(max((spent[-1] - spent[0]) / (1.0 - first), 2.0 * last.solve, 0.0), spent[-1])
+    return spent[-1] - rest, rest
+
+
+class Budgeted:
+    """Keeps the passes within a budget.
+
+    Parameters
+    ----------
+    budget : pcontact.scene.target.Budget
+    comm : MPI.Comm
+
+    Attributes
+    ----------
+    by : str
+        Which part of it has been the limit.
+    given : bool
+        Whether the user names unknowns or a time, which are there to be spent.
+    """
+
+    def __init__(self, budget, comm):
+        self._unknowns, self._time, self._comm = budget.unknowns, budget.time, comm
+        free = profile.free_memory() if budget.memory is None else None
+        free = FULL * comm.allreduce(free if free is not None else np.inf, op=MPI.MIN)
+        # what is free is free beside what the ranks have by now
+        base = comm.allreduce(profile.memory()[0] * 1024.0)
+        self._memory = budget.memory if budget.memory is not None else base + free
+        self._followers, self.by = FOLLOWERS, ""
+        self.given = budget.unknowns is not None or budget.time is not None
+
+    def most(self, passes, elapsed):
+        """Growth of the unknowns of the last pass that the next one may have at most, so many seconds after the
+        beginning."""
+        done = passes[-1]
+        limits = {"unknowns": np.inf, "memory": np.inf, "time": np.inf}
+        if self._unknowns is not None:
+            limits["unknowns"] = self._unknowns / done.unknowns
+        limits["memory"] = 1.0 + (self._memory - done.memory) / (memory_each(passes) * done.unknowns)
+        if self._time is not None:
+            # the clock of one rank is not that of the others
+            fixed, rest = costs(passes)
+            limits["time"] = self._comm.bcast(max(self._time - elapsed - fixed, 0.0) / max(rest, 1e-6))
+        self.by = min(limits, key=limits.get)
+        return limits[self.by]
+
+    def of_cells(self, growth):
+        """Growth of the cells with which the unknowns grow so much, as others follow those that are cut."""
+        return growth / self._followers
+
+    def learn(self, growth, expected):
+        """Take notice of how many cells have followed those that were cut."""
+        self._followers = max(growth / expected, 1.0)
+
+
+class Forecast(NamedTuple):
+    """Expected passes.
+
+    Attributes
+    ----------
+    unknowns : list of float
+        Of the passes, those that have been run among them.
+    seconds : float
+        Of all passes together.
+    memory : float
+        Peak of all ranks together [bytes].
+    degree : int
+    """
+
+    unknowns: list
+    seconds: float
+    memory: float
+    degree: int
+
+    def lines(self, target):
+        """For the terminal."""
+        meshes = ", ".join(f"{one:.3g}" for one in self.unknowns)
+        return [
+            f"an error of {100.0 * target.error:.3g} % of {target.of}: about {len(self.unknowns)} passes of degree "
+            f"{self.degree} with {meshes} unknowns, {self.seconds:.2g} s, {self.memory / 2.0**20:.3g} MB",
+        ]
+
+
+def forecast(passes, error):
+    """The passes (of one degree, at least one) that bring an error, which falls on all meshes to come as it is planned
+    for the next one: a :class:`Forecast`."""
+    last, unknowns = passes[-1], [float(one.unknowns) for one in passes]
+    # neighbours of cells that are cut follow
+    growth, part = FOLLOWERS * last.next["unknowns"] / last.unknowns, last.next["mesh"] / last.parts["mesh"]
+    far = last.unknowns * growth ** max(np.log(error / last.error) / np.log(part), 1.0)
+    while unknowns[-1] < far:
+        unknowns.append(min(max(growth, LEAP) * unknowns[-1], far))
+    fixed, rest = costs(passes)
+    seconds = sum(fixed + rest * one / last.unknowns for one in unknowns) + sum(one.trials for one in passes)
+    memory = last.memory + memory_each(passes) * (unknowns[-1] - last.unknowns)
+    return Forecast(unknowns, float(seconds), float(memory), last.degree)

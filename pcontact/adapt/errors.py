@@ -80,7 +80,7 @@ class Measure:
         ----------
         simulation : pcontact.simulation.Simulation
             That has run.
-        watch : pcontact.adapt.history.Watch
+        watch : pcontact.adapt.passes.Watch
             Its squares become those of the error that is named.
         seconds : float
             That it has taken.

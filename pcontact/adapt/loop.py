@@ -11,12 +11,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
-from pcontact.adapt.budget import forecast
-from pcontact.adapt.decide import FAILED, REACHED, SPENT, Decision
+from pcontact.adapt.decide import FAILED, REACHED, SPENT, Decision, forecast
 from pcontact.adapt.errors import Measures
-from pcontact.adapt.history import Beginning, Watch
-from pcontact.adapt.passes import ended, line, report, said_of
-from pcontact.adapt.refining import Refining
+from pcontact.adapt.mark import Refining
+from pcontact.adapt.passes import Beginning, Watch, ended, line, report, said_of
 from pcontact.adapt.settings import FEW, Settings
 from pcontact.mesh.hdf5 import write
 from pcontact.mesh.refinement.gather import gathered
@@ -248,26 +246,21 @@ class Loop:
             # a straight mesh is read anew, with nodes in the middles of its edges
             return (None, None, None) if mesh.degree == 1 else (mesh, watch.known, None)
         done.next = self._decision.expected(done, step)
-        known, finer = None, None
+        finer = None
         # the mesh that fills the budget best, of those whose neighbours have followed
         for _ in range(FITTED):
-            made = []
-
-            def cut(fields, step=step, made=made):
-                made.append(self._refining.cut(mesh, step, fields, simulation.scene))
-                return made[0].fields
-
-            moved = watch.known.moved(cut)
-            unknowns = done.unknowns * made[0].mesh.n_nodes_total / mesh.n_nodes_total
+            made, divided = self._refining.cut(mesh, step, watch.known.fields, simulation.scene), step.divided
+            unknowns = done.unknowns * made.mesh.n_nodes_total / mesh.n_nodes_total
             fits, growth = self._decision.fits(unknowns, done, step)
-            if fits and (finer is None or made[0].mesh.n_nodes_total > finer.mesh.n_nodes_total):
-                finer, known = made[0], moved
+            if fits and (finer is None or made.mesh.n_nodes_total > finer.mesh.n_nodes_total):
+                finer = made
             if growth is None:
                 break
             step = plan(growth)
         if finer is None:
             return None, None, self._decision.spent()
-        self._refining.whole = finer.whole
+        self._refining.whole &= not divided
+        known = watch.known._replace(fields=finer.fields)
         if self._decision.tells_nothing(done):
             # bodies move otherwise: load steps that begin where they were take more iterations than others
             known = known._replace(every=False)

@@ -6,12 +6,15 @@ and no locking; simplices can be cut where the error is. What the estimates of t
 entries of the tangent that bring the error down as far as the most halvings of a pass do, whatever the target.
 """
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
+from pcontact import build
 from pcontact.element.reference import CELLS
-from pcontact.mesh.refinement.split import folded
+from pcontact.mesh.refinement.refine import HALVED, SIMPLICES, Balance, Refined, refine
+from pcontact.mesh.refinement.split import folded, split
 from pcontact.runtime import log
 from pcontact.runtime.petsc import MPI
 
@@ -36,7 +39,7 @@ ROUNDED = 1e-9
 
 
 class Cuts(NamedTuple):
-    """Refinement that is asked of the cells.
+    """Refinement that is asked of the cells, or of the simplices that each of them is divided into.
 
     Attributes
     ----------
@@ -46,11 +49,14 @@ class Cuts(NamedTuple):
         Of the error that is expected to be left.
     growth : float
         Cells that are expected over those of now.
+    divided : bool
+        Whether the cells are divided into simplices first.
     """
 
     more: np.ndarray
     part: float
     growth: float
+    divided: bool = False
 
 
 class Contributions(NamedTuple):
@@ -66,8 +72,6 @@ class Contributions(NamedTuple):
         Of space.
     count : ndarray (n,) or None
         Of cells that have these squares each; None: one.
-    whole : bool
-        Whether all cells are halved together.
     level : ndarray (n,) of int or None
         Bisections that have made the cells, and may be taken back; None: none.
     """
@@ -76,7 +80,6 @@ class Contributions(NamedTuple):
     degree: int
     dim: int
     count: np.ndarray | None = None
-    whole: bool = False
     level: np.ndarray | None = None
 
 
@@ -87,12 +90,6 @@ def degrees(space, whole=False):
         return space.degree
     own = [np.full(len(block.nodes), space.degree_of(block)) for block in space.mesh.blocks]
     return 1 if whole else np.concatenate([np.zeros(0, np.int64), *own])
-
-
-def next_cuts(comm, errors, part, most=np.inf, known=False):
-    """Cuts for the next mesh: as of :func:`cuts`, at most `LEAP` where the rate is not `known`. *Collective.*"""
-    most = most if known else min(most, LEAP)
-    return halvings(errors, part, most) if errors.whole else cuts(comm, errors, part, most, LEAST_GROWTH)
 
 
 def halvings(errors, part, most=np.inf):
@@ -126,7 +123,7 @@ def cuts(comm, errors, part, most=np.inf, least=0.0):
     -------
     Cuts
     """
-    squares, degree, dim, count, _, level = errors
+    squares, degree, dim, count, level = errors
     number = np.ones(len(squares)) if count is None else count
     back = 0 if level is None else -np.minimum(level, dim)
     total, count, low, high = _sums(comm, squares, number)
@@ -261,3 +258,91 @@ class Choice:
     def must(self, kinds, dim):
         """Note that a mesh is divided because cells of some kinds cannot be judged, or not be halved."""
         self._take(True, "", NAMES[dim], f"error estimate and halving do not know all of {said_of(kinds)}")
+
+
+class Refining:
+    """Refines the meshes of a loop: where it pays, or, of cells that are no simplices, as a whole.
+
+    Parameters
+    ----------
+    comm : MPI.Comm
+    settings : pcontact.adapt.settings.Settings
+    options : pcontact.runtime.options.Options
+
+    Attributes
+    ----------
+    whole : bool
+        Whether the cells of the last mesh are no simplices.
+    choice : pcontact.adapt.mark.Choice
+        Of what becomes of them.
+    """
+
+    def __init__(self, comm, settings, options):
+        self._comm, self._settings, self._options = comm, settings, options
+        self.whole, self.choice = False, Choice(comm)
+
+    def first(self, scene):
+        """The mesh of the file, divided where it has cells that the estimate does not know, or that nothing halves.
+        *Collective.*
+
+        Parameters
+        ----------
+        scene : pcontact.scene.model.Scene
+            Its order becomes 2 where the user does not say, and so many unknowns are few, or simplices of degree 1
+            would be too stiff.
+
+        Raises
+        ------
+        InputError
+        """
+        said = self._settings.degree.now
+        # read as the user says: with a geometry cells are to be curved with either degree
+        mesh = build.read(replace(scene, mesh=replace(scene.mesh, order=said)), self._comm, self._options,
+                          lambda raw: 2 if self._settings.degree.few(raw.dim, 2**raw.dim * len(raw.points)) else 1)
+        own = {block.cell for block in mesh.blocks if len(block.nodes)}
+        kinds = set().union(*self._comm.allgather(own))
+        self.whole = not kinds <= set(SIMPLICES)
+        stiff = locking(scene, 1) if self.whole and not mesh.curved else None
+        why = self._settings.degree.few(mesh.dim, mesh.n_nodes_total * (1 if mesh.degree == 2 else 2**mesh.dim))
+        if stiff is not None:
+            why = f"{NAMES[mesh.dim]} of degree 1 would be too stiff in {stiff} (locking)"
+        if said is None and why:
+            scene.mesh.order = self._settings.degree.take(2, why)
+            mesh = build.read(scene, self._comm, self._options) if mesh.degree == 1 else mesh
+        if not self.whole or kinds <= set(HALVED):
+            return mesh
+        self.choice.must(kinds, mesh.dim)
+        self.whole = False
+        return split(mesh, (), Balance(*build.balance(scene, self._options))).mesh
+
+    def step(self, space, squares, wanted, most, known, divided=False):
+        """Way to cut the cells of the last pass: :class:`Cuts`. *Collective.*
+
+        `squares` is what they have in the squared error, `wanted` the part of the error in the energy norm to be left
+        (where cells are `divided` first, of that of the simplices), `most` the growth of the number of cells at most,
+        `known` whether the rate is known at which the error falls.
+        """
+        degree, dim = degrees(space, self.whole and not divided), space.dim
+        if divided:
+            parts = parts_of(space.mesh)
+            errors = Contributions(of_parts(squares, parts, dim, degree), degree, dim, parts)
+        else:
+            level = None if space.mesh.origin is None else space.mesh.origin.level
+            errors = Contributions(squares, degree, dim, level=level)
+        most = most if known else min(most, LEAP)
+        if self.whole and not divided:
+            return halvings(errors, wanted, most)
+        return cuts(self._comm, errors, wanted, most, LEAST_GROWTH)._replace(divided=divided)
+
+    def cut(self, mesh, step, fields, scene):
+        """The next mesh with fields at its nodes, spread over the ranks for a scene: a
+        :class:`pcontact.mesh.refinement.refine.Refined`. *Collective.*"""
+        balance, more = Balance(*build.balance(scene, self._options)), step.more
+        if self.whole and not step.divided:
+            for _ in range(round(np.log2(step.growth) / mesh.dim)):
+                n = sum(len(block.nodes) for block in mesh.blocks)
+                mesh, fields = refine(mesh, np.ones(n, dtype=np.int64), fields, balance)
+            return Refined(mesh, fields)
+        if step.divided:
+            mesh, fields, more = split(mesh, fields, balance, cells=more)
+        return refine(mesh, more, fields, balance)

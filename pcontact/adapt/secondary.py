@@ -28,9 +28,8 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact import build
-from pcontact.adapt.history import Beginning
 from pcontact.adapt.mark import LEAP
-from pcontact.adapt.passes import said_of
+from pcontact.adapt.passes import Beginning, said_of
 from pcontact.adapt.settings import NOTICED, THIRD
 from pcontact.contact.surface.smooth_geometry import smooth_surface
 from pcontact.element.reference import CELLS, reference_nodes, shape_gradient
@@ -137,7 +136,7 @@ FINER_SEE = {"straight_facets": 2.0, "curved_facets": 3.0}
 @contextmanager
 def solved(scene, comm, said, mesh, known=None):
     """A run in memory whose lines are not shown, and the record of its last load step; None where it does not converge.
-    It begins where the bodies are known to be, see :class:`pcontact.adapt.history.Beginning`. *Collective.*
+    It begins where the bodies are known to be, see :class:`pcontact.adapt.passes.Beginning`. *Collective.*
     """
     simulation = Simulation(scene, comm, said, mesh)
     # estimates are those of all load steps

@@ -53,6 +53,16 @@ def memory():
     return peak, resident() or peak
 
 
+def free_memory():
+    """Memory that this machine has free [byte]; None where it does not say."""
+    try:
+        with open("/proc/meminfo", encoding="ascii") as lines:
+            found = dict(line.split(":", 1) for line in lines)
+        return 1024.0 * float(found["MemAvailable"].split()[0])
+    except (OSError, KeyError, ValueError):
+        return None
+
+
 def give_back():
     """Hand freed memory back to the system, where the C library can: other ranks of the machine may need it."""
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)

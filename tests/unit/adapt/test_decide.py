@@ -9,7 +9,6 @@ from pcontact.adapt.decide import REACHED, SPENT, TRUST, Decision
 from pcontact.adapt.effectivity import Range
 from pcontact.adapt.mark import Cuts
 from pcontact.adapt.passes import Pass
-from pcontact.adapt.refining import Step
 from pcontact.adapt.settings import AIM
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.target import Target
@@ -18,9 +17,9 @@ from pcontact.scene.target import Target
 class Recorder(SimpleNamespace):
     """Stands for the refining of a mesh of tetrahedra: remembers what it is asked for."""
 
-    def step(self, space, squares, wanted, most, known):
+    def step(self, space, squares, wanted, most, known, divided):
         self.wanted, self.known = wanted, known
-        return Step(Cuts(np.ones(1, dtype=np.int64), wanted, 10.0))
+        return Cuts(np.ones(1, dtype=np.int64), wanted, 10.0)
 
 
 def asked(second, parts=(1.0, 1.0), first=0.4):

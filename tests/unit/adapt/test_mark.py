@@ -5,7 +5,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from pcontact.adapt.mark import AT_ONCE, LEAP, LEAST_GROWTH, Contributions, cuts, next_cuts
+from pcontact.adapt.mark import AT_ONCE, LEAP, LEAST_GROWTH, Contributions, cuts
 from pcontact.runtime.petsc import MPI
 
 
@@ -44,11 +44,12 @@ def test_the_first_meshes_are_the_same_whatever_the_target():
     errors = Contributions(np.random.default_rng(1).lognormal(0.0, 1.0, 400), 2, 2)
     for part, known in ((1e-3, False), (0.5, False), (1e-3, True)):
         whole = cuts(MPI.COMM_SELF, errors, part, least=LEAST_GROWTH)
-        found = next_cuts(MPI.COMM_SELF, errors, part, np.inf, known)
+        most = np.inf if known else LEAP
+        found = cuts(MPI.COMM_SELF, errors, part, most, LEAST_GROWTH)
         if known or whole.growth <= LEAP:
             assert found.growth == whole.growth
         else:
-            less = next_cuts(MPI.COMM_SELF, errors, 0.1 * part, np.inf, known)
+            less = cuts(MPI.COMM_SELF, errors, 0.1 * part, most, LEAST_GROWTH)
             assert LEAP / 2 < found.growth <= LEAP and (less.more == found.more).all()
 
 

@@ -5,9 +5,8 @@ from dataclasses import replace
 import pytest
 
 from drivers.studies._named_scenes import HELD_BACK
-from pcontact.adapt.history import Watch
 from pcontact.adapt.mark import LEAP
-from pcontact.adapt.passes import Pass
+from pcontact.adapt.passes import Pass, Watch
 from pcontact.adapt.secondary import Secondary, Told, answers, change_to, more_steps
 from pcontact.adapt.settings import Settings
 from pcontact.runtime.options import Options

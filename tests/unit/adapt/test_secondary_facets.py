@@ -11,7 +11,7 @@ from drivers.error_norms import bulk_error
 from meshes import rings as ring_mesh
 from pcontact import build
 from pcontact.adapt import secondary
-from pcontact.adapt.history import Watch
+from pcontact.adapt.passes import Watch
 from pcontact.adapt.secondary import FINER_SEE, answers, change_to, of_facets
 from pcontact.mesh.refinement.refine import Balance, refine
 from pcontact.runtime.options import Options

@@ -12,7 +12,7 @@ from drivers.studies._named_scenes import HELD_BACK
 from drivers.studies._round_bodies import wound_rings
 from meshes import rings as rings_mesh
 from meshes.blocks import two_blocks
-from pcontact.adapt.history import Watch
+from pcontact.adapt.passes import Watch
 from pcontact.contact.law import OPEN, SLIP, STICK
 from pcontact.element.reference import shape, shape_gradient
 from pcontact.estimate import goal, residuals

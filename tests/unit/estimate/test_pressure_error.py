@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from meshes import two_blocks
-from pcontact.adapt.history import Watch
+from pcontact.adapt.passes import Watch
 from pcontact.estimate.tractions import stretched
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI

@@ -2,7 +2,7 @@
 
 import pytest
 
-from pcontact.adapt.budget import Budgeted, forecast
+from pcontact.adapt.decide import Budgeted, forecast
 from pcontact.adapt.effectivity import Range
 from pcontact.adapt.mark import FOLLOWERS
 from pcontact.adapt.passes import BYTES, Pass, memory_each

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pcontact.adapt.history import ROOM, Beginning, Known, Watch
+from pcontact.adapt.passes import ROOM, Beginning, Known, Watch
 
 
 def _begun(known, time=1.0):
@@ -31,14 +31,12 @@ def test_some_load_steps_tell_no_motion():
     """But where the bodies were at the end."""
     known = Known([1.0, 2.0], [_field(1.0), _field(3.0)], every=False)
     assert _begun(known)(2.0) is None and _begun(known).at(2.0) == pytest.approx(_field(3.0)[::-1])
-    moved = known.moved(lambda fields: [2.0 * field for field in fields])
-    assert moved.fields[1] == pytest.approx(_field(6.0))
 
 
 @pytest.mark.parametrize("unknowns, steps, kept", [(100, 60, 60), (ROOM // 192, 24, 24), (ROOM // 192, 25, 13)])
 def test_load_steps_that_there_is_room_for(unknowns, steps, kept, monkeypatch):
     """All of them on small meshes; else every other one, and the last."""
-    monkeypatch.setattr("pcontact.adapt.history.at_nodes", lambda space, u: u)
+    monkeypatch.setattr("pcontact.adapt.passes.at_nodes", lambda space, u: u)
     space = SimpleNamespace(comm=SimpleNamespace(size=1), n_dofs=unknowns)
     estimate = SimpleNamespace(squares=None, over_steps=0.0, last={"algebraic": 0.0, "energy_norm": 0.0})
     watch = Watch(SimpleNamespace(problem=SimpleNamespace(space=space), begin=None, error_estimate=estimate))
