@@ -460,10 +460,10 @@ class Newton:
         small = factors(options, problem.space)
         direct = bool(small) or options.get("pc_type", "gamg") in ("lu", "cholesky")
         # on large surfaces in space, where many points change their status, directions are poor at 1e-3; bodies that
-        # yield take as many iterations with it, and stiff contact makes linear solves long
-        hard = plastic or any(item.stiff for item in problem.others)
-        inexact = 1e-3 if problem.space.dim == 2 or hard else 1e-4
+        # yield, or have inertia, take as many iterations with it, and stiff contact makes linear solves long
         holds = self._held = any(item.holds for item in problem.others)
+        hard = plastic or holds or any(item.stiff for item in problem.others)
+        inexact = 1e-3 if problem.space.dim == 2 or hard else 1e-4
         defaults = newton_defaults(problem.linear, direct, inexact, holds)
         krylov = options.get("ksp_type")
         warn_of_krylov(symmetric, krylov)
