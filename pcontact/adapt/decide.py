@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pcontact.adapt.mark import FOLLOWERS, LEAP, MEASURED
+from pcontact.adapt.mark import FOLLOWERS, LEAP, LEAST_GROWTH, MEASURED
 from pcontact.adapt.passes import cost_of, memory_each, said_of
 from pcontact.adapt.settings import AIM, FULL, NOTICED, SHARE, THIRD
 from pcontact.runtime import log, profile
@@ -20,7 +20,8 @@ PATIENCE = 3
 REACH = 2.0
 # [-] Power of the error with which meshes have brought it down, in that of smooth solutions, from which on the rate is
 # taken to be known; the same of the second mesh, before there is one. From: Hertz's cylinder and ball, receding
-# contact: 0.81 to 0.85; where it is less there are singular points, and one more mesh tells them.
+# contact: 0.81 to 0.85. Where it is less there are singular points, toward which cells become smaller from mesh to
+# mesh: as many of them as may be, and as few others. A punch: 36,620 unknowns for 0.5 %, 131,014 with `LEAP`.
 TRUST = 0.8
 
 
@@ -75,7 +76,7 @@ class Decision:
         self._reached = done.error <= goal
         if self._reached and done.confirmed:
             return self._spent("")
-        space, known = simulation.problem.space, self._alike() > 1
+        space, whole = simulation.problem.space, self._refining.whole
         if self._stalls():
             largest, more = max(done.parts, key=done.parts.get), ""
             if done.of.startswith("pressure") and largest == "mesh":
@@ -92,13 +93,12 @@ class Decision:
         if FULL * self.most < 1.0:
             return self.spent(), None
         self._asked = most = self._budget.of_cells(self.most)
-        whole = self._refining.whole
-        known = known and (whole or self._trust(done) > TRUST)
+        pace = LEAP if self._alike() < 2 else np.inf if whole or self._trust(done) > TRUST else LEAST_GROWTH
 
         def plan(most, divides=False):
             # simplices with the same nodes have another error
             wanted = self.wanted(done, *((TRUST, MEASURED[done.known.dim, done.degree][0]) if divides else ()))
-            return self._refining.step(space, watch.squares, wanted, most, known and not divides, divides)
+            return self._refining.step(space, watch.squares, wanted, min(most, LEAP if divides else pace), divides)
 
         step = plan(most)
         if whole and self._divides(simulation, watch, done, step):

@@ -25,8 +25,8 @@ AT_ONCE = 3
 # falls, and where the error cannot be had at once. From: whatever the target, the first meshes are the same then, and a
 # smaller target ends with no larger error; all passes together take a seventh more than the last one.
 LEAP = 2.0**AT_ONCE
-# [-] Growth of the cells from one pass to the next at least. From: scenes of seeds 20 to 30 at 5 %; with 1.5 more
-# meshes just miss their target, with 3 all loops together take a tenth longer.
+# [-] Growth of the cells from one pass to the next at least, and where the error falls slowly at most. From: scenes of
+# seeds 20 to 30 at 5 %; with 1.5 more meshes just miss their target, with 3 all loops together take a tenth longer.
 LEAST_GROWTH = 2.0
 # [-] Part of their squares by which cells that are alike differ. From: a mesh and its mirror image, whose squares
 # differ by what the solver leaves.
@@ -315,12 +315,11 @@ class Refining:
         self.whole = False
         return split(mesh, (), Balance(*build.balance(scene, self._options))).mesh
 
-    def step(self, space, squares, wanted, most, known, divided=False):
+    def step(self, space, squares, wanted, most, divided=False):
         """Way to cut the cells of the last pass: :class:`Cuts`. *Collective.*
 
         `squares` is what they have in the squared error, `wanted` the part of the error in the energy norm to be left
-        (where cells are `divided` first, of that of the simplices), `most` the growth of the number of cells at most,
-        `known` whether the rate is known at which the error falls.
+        (where cells are `divided` first, of that of the simplices), `most` the growth of the number of cells at most.
         """
         degree, dim = degrees(space, self.whole and not divided), space.dim
         if divided:
@@ -329,7 +328,6 @@ class Refining:
         else:
             level = None if space.mesh.origin is None else space.mesh.origin.level
             errors = Contributions(squares, degree, dim, level=level)
-        most = most if known else min(most, LEAP)
         if self.whole and not divided:
             return halvings(errors, wanted, most)
         return cuts(self._comm, errors, wanted, most, LEAST_GROWTH)._replace(divided=divided)
