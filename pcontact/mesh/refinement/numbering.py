@@ -281,8 +281,6 @@ class Origin:
         See `pcontact.mesh.refinement.simplices` and `pcontact.mesh.refinement.numbering`.
     keys : ndarray (n_nodes,) uint64
         Of the nodes, see `pcontact.mesh.refinement.simplices`.
-    places : ndarray (n_nodes, d) or None
-        Where the nodes are in the tree of cells [length]; None: where they are in the mesh.
     """
 
     base: object
@@ -290,18 +288,6 @@ class Origin:
     path: np.ndarray
     level: np.ndarray
     keys: np.ndarray
-    places: np.ndarray | None = None
-
-
-def tree_points(mesh):
-    """Return the places (n, d) of a mesh's nodes in the tree of its cells, which a geometry does not bend [length]."""
-    return mesh.points if mesh.origin is None or mesh.origin.places is None else mesh.origin.places
-
-
-def marks(mesh):
-    """A number (n_nodes,) between 0 and 1 of each node, the same on all meshes of one base."""
-    keys = mixed(mesh.file_nodes) if mesh.origin is None else mesh.origin.keys
-    return (keys >> np.uint64(11)).astype(float) * 2.0**-53
 
 
 def first_origin(base):

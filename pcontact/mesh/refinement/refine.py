@@ -207,8 +207,6 @@ def carried_over(new, mesh, base, widths):
         new.origin = Origin(base, cells[:, 0].copy(), cells[:, 1].copy().view(np.uint64), cells[:, 2].copy(), keys)
     values = np.ascontiguousarray(new.node_values[:, first:]).view(np.float64)
     parts = [part.copy() for part in np.split(values, np.cumsum(widths)[:-1], axis=1)] if widths else []
-    if base is not None and base.belongs is not None:
-        new.origin.places = parts.pop(0)
     new.cell_values = new.node_values = None
     return Refined(new, parts)
 
@@ -226,7 +224,7 @@ def _grown(exchanger, mesh, origin, more, fields):
     widths = [np.shape(field)[1] for field in fields]
     values, points = _carried(exchanger, mesh, origin, forest, fields), forest.nodes.points[: forest.n_nodes]
     if base.belongs is not None:
-        widths, values, points = [base.dim, *widths], np.column_stack([points, values]), placed(base, forest)
+        points = placed(base, forest)
     return _sliced(exchanger, base, forest, facets, points, values), widths
 
 
