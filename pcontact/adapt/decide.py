@@ -6,22 +6,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pcontact.adapt.mark import FOLLOWERS, LEAP, LEAST_GROWTH, MEASURED
-from pcontact.adapt.passes import cost_of, memory_each, said_of
+from pcontact.adapt.mark import FOLLOWERS, LEAP, MEASURED, SLOW_GROWTH
+from pcontact.adapt.passes import PATIENCE, cost_of, memory_each, said_of
 from pcontact.adapt.settings import AIM, FULL, NOTICED, SHARE, THIRD
 from pcontact.runtime import log, profile
 from pcontact.runtime.petsc import MPI
 
 REACHED, FAILED, SPENT = 0, 1, 4
-# [passes] After which meshes must have brought something, if they have `LEAP` times the unknowns. From: chosen.
-PATIENCE = 3
 # [-] Error that is aimed at over the parts that no mesh takes away, where these are more than the target. From: chosen;
 # a mesh with half of that error takes several times the cells and brings it down by a quarter.
 REACH = 2.0
 # [-] Power of the error with which meshes have brought it down, in that of smooth solutions, from which on the rate is
 # taken to be known; the same of the second mesh, before there is one. From: Hertz's cylinder and ball, receding
-# contact: 0.81 to 0.85. Where it is less there are singular points, toward which cells become smaller from mesh to
-# mesh: as many of them as may be, and as few others. A punch: 36,620 unknowns for 0.5 %, 131,014 with `LEAP`.
+# contact: 0.81 to 0.85; where it is less there are singular points.
 TRUST = 0.8
 
 
@@ -93,7 +90,7 @@ class Decision:
         if FULL * self.most < 1.0:
             return self.spent(), None
         self._asked = most = self._budget.of_cells(self.most)
-        pace = LEAP if self._alike() < 2 else np.inf if whole or self._trust(done) > TRUST else LEAST_GROWTH
+        pace = LEAP if self._alike() < 2 else np.inf if whole or self._trust(done) > TRUST else SLOW_GROWTH
 
         def plan(most, divides=False):
             # simplices with the same nodes have another error
@@ -213,13 +210,13 @@ class Decision:
         return sum(one.degree == self._passes[-1].degree for one in self._passes)
 
     def _stalls(self):
-        """Return True if the last meshes have brought nothing."""
+        """Return True if the last meshes, with `LEAP` times the unknowns, have brought nothing."""
         if self._alike() < PATIENCE:
             return False
-        # errors fall irregularly: one mesh that has brought nothing says little
-        old, new = self._passes[-PATIENCE], self._passes[-1]
-        same = old.steps == new.steps and old.degree == new.degree
-        return same and new.unknowns > LEAP * old.unknowns and new.error >= old.error
+        new = self._passes[-1]
+        less = [one for one in self._passes if one.alike(new) and one.steps == new.steps
+                and LEAP * one.unknowns < new.unknowns]  # fmt: skip
+        return bool(less) and new.error >= less[-1].error
 
 
 def costs(passes):

@@ -56,6 +56,8 @@ def wanted(scene, options):
     return scene
 
 
+# [passes] That errors are judged by, as they fall irregularly. From: chosen.
+PATIENCE = 3
 # [bytes] That an unknown more takes, by the dimension, where it has not been measured; and growth of the memory that
 # tells it. From: scenes of named_error.py with 20,000 to 76,000 unknowns took 3,900 to 5,000, 10,600; interpreter and
 # compiled kernels grow by less than that.
@@ -216,11 +218,11 @@ def _entry(done):
 
 
 def rate(passes):
-    """Power of the unknowns with which the error falls: as seen in the last two passes, or as smooth solutions have."""
-    smooth = passes[-1].power * passes[-1].degree / passes[-1].known.dim
-    if len(passes) < 2 or passes[-1].unknowns <= passes[-2].unknowns or not passes[-1].alike(passes[-2]):
+    """Power of the unknowns with which the error falls: as seen in the last passes, or as smooth solutions have."""
+    new, smooth = passes[-1], passes[-1].power * passes[-1].degree / passes[-1].known.dim
+    old = next((one for one in passes[-PATIENCE:-1] if one.unknowns < new.unknowns and one.alike(new)), None)
+    if old is None:
         return smooth
-    old, new = passes[-2:]
     seen = np.log(old.parts["mesh"] / new.parts["mesh"]) / np.log(new.unknowns / old.unknowns)
     return float(np.clip(seen, 0.1 * smooth, 2.0 * smooth))
 

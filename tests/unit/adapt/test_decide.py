@@ -7,7 +7,7 @@ import pytest
 
 from pcontact.adapt.decide import REACHED, SPENT, TRUST, Decision
 from pcontact.adapt.effectivity import Range
-from pcontact.adapt.mark import LEAP, LEAST_GROWTH, Cuts
+from pcontact.adapt.mark import LEAP, SLOW_GROWTH, Cuts
 from pcontact.adapt.passes import Pass
 from pcontact.adapt.settings import AIM
 from pcontact.runtime.petsc import MPI
@@ -56,13 +56,13 @@ def test_a_target_that_cells_reach_as_they_cancel_takes_another_mesh(confirmed, 
 
 def test_a_mesh_that_has_brought_much_less_than_expected_is_followed_by_a_trial():
     """As where cells have to become smaller toward an edge."""
-    assert asked(0.12).most > LEAP and asked(0.25).most == LEAST_GROWTH
+    assert asked(0.12).most > LEAP and asked(0.25).most == SLOW_GROWTH
 
 
 def test_estimates_that_are_taken_for_another_part_of_the_error_are_compared_as_they_are():
     """An error of 0.06 instead of 0.1 only since the estimate is taken for all of it, and not for six tenths."""
     assert asked(0.06, parts=(0.6, 1.0)).wanted == pytest.approx(0.085 * 0.1 / 0.06)
-    assert asked(0.13, parts=(0.6, 1.0)).most == LEAST_GROWTH and asked(0.13, parts=(1.0, 1.0)).most > LEAP
+    assert asked(0.13, parts=(0.6, 1.0)).most == SLOW_GROWTH and asked(0.13, parts=(1.0, 1.0)).most > LEAP
 
 
 def test_what_has_fallen_as_expected_is_trusted():
