@@ -74,11 +74,10 @@ class Decision:
         if self._reached and done.confirmed:
             return self._spent("")
         space, whole = simulation.problem.space, self._refining.whole
+        corner = "; toward corners the square of a pressure need not have an integral: name the error of a force"
+        largest = max(done.parts, key=done.parts.get)
+        more = corner if largest == "mesh" and done.of.startswith("pressure") else ""
         if self._stalls():
-            largest, more = max(done.parts, key=done.parts.get), ""
-            if done.of.startswith("pressure") and largest == "mesh":
-                # toward corners its square need not have an integral
-                more = "; name the error of a force"
             return self._spent(f"finer meshes do not bring it down, the largest part is {said_of(largest)}{more}")
         stays = self._look_at_what_stays(done)
         if stays and done.error <= self.aim:
@@ -86,7 +85,7 @@ class Decision:
         self.most = self._budget.most(self._passes, clock.perf_counter() - self._start)
         far = cost_of(self._passes, self.aim)["unknowns"]
         if not self._budget.given and self._alike() > PATIENCE and far > self.most * done.unknowns:
-            return self._spent(f"at the rate seen it would take {far:.2g} unknowns, for which there is no memory")
+            return self._spent(f"at the rate seen it would take {far:.2g} unknowns, for which there is no memory{more}")
         if FULL * self.most < 1.0:
             return self.spent(), None
         self._asked = most = self._budget.of_cells(self.most)

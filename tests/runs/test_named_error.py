@@ -407,19 +407,17 @@ def test_a_forecast_and_the_run(tmp_path):
 
 @pytest.mark.parallel
 def test_a_pressure_whose_square_has_no_integral(shared_tmp):
-    """Under the corner of a punch a hundred times as stiff as the block: the run ends at once and says so; of one as
-    soft as the block, whose pressure goes like r^-0.23, the error falls on the mesh that knows the corner."""
+    """Under the corner of a punch a hundred times as stiff as the block: the run ends soon and says so; of one as
+    soft as the block, whose pressure goes like r^-0.23, the error falls as cells become smaller there."""
     scene = SCENES["punch"].scene(shared_tmp)
     scene.accuracy = Target(0.1, "pressure:face")
     loop = Loop(scene)
     assert loop.run().status == SPENT and len(loop.passes) <= 4
-    said = re.fullmatch(r"not reached: toward \(0.5, 0\) the pressure goes like r\^(-0.\d+) .*no integral.*",
-                        loop._decision.why)  # fmt: skip
-    assert float(said[1]) == pytest.approx(-0.5, abs=0.05)
+    assert re.fullmatch(r"not reached: .*no memory; toward corners .*: name the error of a force", loop._decision.why)
     scene = SCENES["soft_punch"].scene(shared_tmp)
     scene.accuracy = Target(0.04, "pressure:face")
     loop = Loop(scene)
-    assert loop.run().status == REACHED and loop.passes[-1].unknowns < 15_000
+    assert loop.run().status == REACHED and loop.passes[-1].unknowns < 20_000
 
 
 @pytest.mark.parallel
