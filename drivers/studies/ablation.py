@@ -70,10 +70,10 @@ def numbers(some, left_out=()):
                 yield module, name, value
 
 
-def loops(folder):
+def loops(folder, pairs=LOOPS):
     """Unknowns and errors of the last meshes of all loops, and passes and seconds together."""
     unknowns, named, passes, start = [], [], 0, clock.process_time()
-    for seed, of in LOOPS:
+    for seed, of in pairs:
         accuracy = Target(TARGET, of, budget=Budget(unknowns=UNKNOWNS[2]))
         loop = Loop(replace(drawn(seed).begun(folder), accuracy=accuracy), MPI.COMM_SELF)
         try:
@@ -161,8 +161,9 @@ def _entry(row, first, compared, others):
 
 def _run(args):
     some = [module for module in modules() if module.__name__ not in NOT_TRIED]
-    loops(args.o)
-    found = ablate(args, some, NO_NUMBERS, partial(loops, args.o), ("unknowns", "named"))
+    measure = partial(loops, args.o, LOOPS[:3] if args.tiny else LOOPS)
+    measure()
+    found = ablate(args, some, NO_NUMBERS, measure, ("unknowns", "named"))
     write_table(args, PAGE, *found)
 
 
