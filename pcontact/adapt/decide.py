@@ -252,7 +252,7 @@ class Budgeted:
         free = profile.free_memory() if budget.memory is None else None
         free = FULL * comm.allreduce(free if free is not None else np.inf, op=MPI.MIN)
         # what is free is free beside what the ranks have by now
-        base = comm.allreduce(profile.memory()[0] * 1024.0)
+        base = comm.allreduce(float(profile.memory()[0]))
         self._memory = budget.memory if budget.memory is not None else base + free
         self._followers, self.by = FOLLOWERS, ""
         self.given = budget.unknowns is not None or budget.time is not None

@@ -49,3 +49,11 @@ def test_memory_is_that_of_unknowns_until_it_has_been_measured():
     budget = Budgeted(Budget(memory=4e8), COMM)
     assert budget.most(small, 0.0) == pytest.approx(1.0 + 1.1e8 / (300 * BYTES[2]))
     assert Budgeted(Budget(memory=2e8), COMM).most(small, 0.0) < 1.0
+
+
+def test_memory_that_is_free_beside_what_the_ranks_have(monkeypatch):
+    """A run that has a gigabyte of a machine where another four are free may have 4.4 in all."""
+    monkeypatch.setattr("pcontact.runtime.profile.memory", lambda: (10**9, 10**9))
+    monkeypatch.setattr("pcontact.runtime.profile.free_memory", lambda: 4e9)
+    most = Budgeted(Budget(), MPI.COMM_SELF).most([done(100_000, 2, 0.1, memory=1e9)], 0.0)
+    assert most == pytest.approx(1.0 + 0.85 * 4e9 / (BYTES[2] * 100_000))
